@@ -1,0 +1,1 @@
+"""massid: weighs the links of a humanoid robot while the robot walks."""

@@ -1,0 +1,144 @@
+"""One recorded walk as immutable arrays, in MuJoCo's conventions.
+
+Sample k is the state at time t_k, before the step; effort and wrench act from t_k until t_{k+1} (zero-order hold).
+The reader converts from ROS conventions once; nothing behind this class sees an xyzw quaternion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from massid.errors import LogError, unknown_name
+from massid.typing import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A run of samples without a gap: samples start .. stop - 1."""
+
+    start: int
+    stop: int
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+
+@dataclass(frozen=True)
+class Walk:
+    """Joint states, joint torques and contact wrenches of one walk.
+
+    Attributes:
+        root_body: name of the floating base body.
+        joint_names: the n_j actuated or passive one-axis joints, in column order.
+        contact_bodies: the n_c bodies whose contact wrench was measured, in column order.
+        stamps_ns: sample times since the Unix epoch [ns], shape (n_samples,), strictly increasing.
+        qpos: base position [m], base quaternion (wxyz), joint positions [rad or m], shape (n_samples, 7 + n_j).
+        qvel: base linear velocity in the world [m/s], base angular velocity in the base frame [rad/s], joint
+            velocities [rad/s or m/s], shape (n_samples, 6 + n_j).
+        effort: torque that each joint's actuator exerted over the step [N m or N], shape (n_samples, n_j).
+        wrench: force [N] and moment [N m] about the body frame's origin that the environment exerts on the body,
+            both in the body frame, shape (n_samples, n_c, 6).
+        timestep_s: sample period [s].
+        segments: runs without a gap, in order; windows never cross from one to the next.
+        metadata: what the recorder said about the log (model file, hash, sensor noise), never any truth.
+        warnings: what was lost or repaired while reading, one line each.
+        source: where the walk came from, for messages.
+    """
+
+    root_body: str
+    joint_names: tuple[str, ...]
+    contact_bodies: tuple[str, ...]
+    stamps_ns: IntArray
+    qpos: FloatArray
+    qvel: FloatArray
+    effort: FloatArray
+    wrench: FloatArray
+    timestep_s: float
+    segments: tuple[Segment, ...] = ()
+    metadata: dict[str, str] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    source: str = "walk"
+
+    def __post_init__(self) -> None:
+        n, n_j, n_c = len(self.stamps_ns), len(self.joint_names), len(self.contact_bodies)
+        expected = {
+            "qpos": (n, 7 + n_j),
+            "qvel": (n, 6 + n_j),
+            "effort": (n, n_j),
+            "wrench": (n, n_c, 6),
+        }
+        for name, shape in expected.items():
+            found = getattr(self, name).shape
+            if found != shape:
+                raise LogError(f"{self.source}: {name} has shape {found}, expected {shape}.")
+        for name in ("stamps_ns", *expected):
+            array = np.ascontiguousarray(getattr(self, name))
+            if array.flags.writeable:
+                array = array.copy()
+                array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        if not self.segments:
+            object.__setattr__(self, "segments", (Segment(0, n),))
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @property
+    def duration_s(self) -> float:
+        """Time covered by the samples, gaps left out [s]."""
+        return sum(len(segment) for segment in self.segments) * self.timestep_s
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Seconds since the first sample, shape (n_samples,)."""
+        return np.asarray((self.stamps_ns - self.stamps_ns[0]) * 1e-9, dtype=np.float64)
+
+    def windows(self, dwell_s: float) -> Iterator[Segment]:
+        """Yield dwell windows of equal length, none of which crosses a gap; a shorter rest is left out.
+
+        A window of n steps needs n + 1 samples: its last sample is the first of the next window.
+
+        Raises:
+            LogError: dwell_s is shorter than two samples.
+        """
+        steps = round(dwell_s / self.timestep_s)
+        if steps < 2:
+            raise LogError(
+                f"A dwell time of {dwell_s} s is shorter than two samples of {self.timestep_s} s; use a longer one."
+            )
+        for segment in self.segments:
+            for start in range(segment.start, segment.stop - steps, steps):
+                yield Segment(start, start + steps + 1)
+
+    def with_joint_order(self, joint_names: tuple[str, ...]) -> Walk:
+        """Return the walk with its joint columns in the given order; joints not named are dropped.
+
+        Raises:
+            LogError: a joint is missing from the log.
+        """
+        columns = []
+        for name in joint_names:
+            if name not in self.joint_names:
+                raise LogError(unknown_name("joint", name, self.joint_names, self.source))
+            columns.append(self.joint_names.index(name))
+        if columns == list(range(len(self.joint_names))):
+            return self
+        picked = np.asarray(columns, dtype=np.int64)
+        return Walk(
+            root_body=self.root_body,
+            joint_names=joint_names,
+            contact_bodies=self.contact_bodies,
+            stamps_ns=self.stamps_ns,
+            qpos=np.hstack([self.qpos[:, :7], self.qpos[:, 7 + picked]]),
+            qvel=np.hstack([self.qvel[:, :6], self.qvel[:, 6 + picked]]),
+            effort=self.effort[:, picked],
+            wrench=self.wrench,
+            timestep_s=self.timestep_s,
+            segments=self.segments,
+            metadata=self.metadata,
+            warnings=self.warnings,
+            source=self.source,
+        )
