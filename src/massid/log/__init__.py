@@ -1,0 +1,7 @@
+"""Walks as immutable arrays, and the MCAP logs they are read from and written to. The only door to `mcap`."""
+
+from massid.log.topics import ContactSource, JointSource, OdometrySource, TopicMap
+from massid.log.walk import Segment, Walk
+from massid.log.writer import WalkWriter
+
+__all__ = ["ContactSource", "JointSource", "OdometrySource", "Segment", "TopicMap", "Walk", "WalkWriter"]

@@ -1,0 +1,1 @@
+"""Identification models: output injection and the parallel bank (Eq. 3 and 23)."""

@@ -1,0 +1,108 @@
+"""A bank of identification models of one robot (Eq. 22-23), run in parallel through a recorded walk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from massid.observer.engine import BatchEngine
+from massid.observer.injection import InertiaShapedInjection, OutputInjection
+from massid.observer.kernels import correct_state, state_difference
+from massid.observer.replay import ReplayBlock
+from massid.parameters import ParameterSpace
+from massid.robot import Robot
+from massid.search.bank import OutputErrors
+from massid.typing import FloatArray
+
+
+class RobotBank:
+    """N copies of a robot with link masses of their own, driven by measured torques and wrenches.
+
+    Implements `massid.search.bank.Bank`. The output is the whole state: y = (q, qd).
+
+    Args:
+        robot: the robot with nominal masses.
+        space: what the coordinates of a point mean.
+        contact_bodies: bodies whose wrench was measured, in the order of the blocks' columns.
+        n_models: size of the bank N.
+        injection: how the models are pulled towards the measurement; default `InertiaShapedInjection`.
+        timestep_s: sample period of the walk; default the model's own time step [s].
+        n_threads: worker threads; 0 for one per processor.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        space: ParameterSpace,
+        contact_bodies: Sequence[str],
+        n_models: int = 24,
+        injection: OutputInjection | None = None,
+        timestep_s: float | None = None,
+        n_threads: int = 0,
+    ) -> None:
+        self.robot = robot
+        self.space = space
+        model = robot.identification_model(contact_bodies)
+        if timestep_s is not None:
+            model.opt.timestep = timestep_s
+        self._timestep_s = float(model.opt.timestep)
+        self._engine = BatchEngine(model, n_models, n_threads)
+        self._injection: OutputInjection = injection or InertiaShapedInjection(model)
+        self._innovation = np.zeros((n_models, 2 * model.nv))
+        self._injected = np.zeros((n_models, model.nv))
+        self._effort_offset: FloatArray | None = None
+
+    @property
+    def n_models(self) -> int:
+        """Number of models N."""
+        return self._engine.n_models
+
+    @property
+    def timestep_s(self) -> float:
+        """Period of the output errors [s]."""
+        return self._timestep_s
+
+    def place(self, points: FloatArray) -> None:
+        """Write the parameters of each model; points has shape (n_models, n_p)."""
+        realisation = self.robot.realise(self.space, points)
+        self._engine.write(realisation)
+        self._effort_offset = None
+        if realisation.effort_offset is not None:
+            self._effort_offset = np.zeros_like(self._engine.force)
+            self._effort_offset[:, self.robot.layout.joint_dof] = realisation.effort_offset
+
+    def restart(self, block: ReplayBlock) -> None:
+        """Set every model to the first measured state of the block."""
+        self._engine.restart(block.qpos[0], block.qvel[0])
+        self._injection.restart()
+        self._innovation[:] = 0.0
+
+    def advance(self, block: ReplayBlock) -> OutputErrors:
+        """Run every model through the block; see `OutputErrors`."""
+        engine, layout = self._engine, self.robot.layout
+        gains = self._injection.gains(block)
+        innovation, injected = self._innovation, self._injected
+        addresses = (layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof)
+        errors = np.empty((len(block), *innovation.shape))
+        with engine.quiet(), np.errstate(invalid="ignore", over="ignore"):
+            for k in range(len(block)):
+                if gains.state is not None:
+                    correct_state(engine.qpos, engine.qvel, innovation @ gains.state[k].T, *addresses)
+                engine.force[:] = block.effort[k]
+                if self._effort_offset is not None:
+                    np.subtract(engine.force, self._effort_offset, out=engine.force)
+                if gains.force is not None:
+                    np.matmul(innovation, gains.force[k].T, out=injected)
+                    np.add(engine.force, injected, out=engine.force)
+                engine.wrench[:] = block.wrench[k]
+                engine.step()
+                state_difference(
+                    engine.qpos, engine.qvel, block.qpos[k + 1], block.qvel[k + 1], *addresses, innovation
+                )
+                np.negative(innovation, out=errors[k])
+            if gains.whitener.ndim == 1:
+                errors *= gains.whitener
+            else:
+                errors = np.einsum("kni,kyi->kny", errors, gains.whitener)
+        return OutputErrors(values=errors.transpose(1, 0, 2), diverged=engine.diverged())

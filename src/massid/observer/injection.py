@@ -1,0 +1,91 @@
+"""Output injection: how an identification model is pulled towards the measurement (K1 and K2 of Eq. 23).
+
+An injection answers, for each sample of a block, with matrices that act on the innovation e = y (-) y_hat:
+a generalised force and, for gains that correct positions directly, a change of the state. It also says how output
+errors are weighted in the monitoring signal. At p = p* the innovation is zero and none of this acts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from massid.observer.replay import ReplayBlock
+from massid.typing import FloatArray
+
+
+@dataclass(frozen=True)
+class InjectionGains:
+    """Gains of one block of n steps.
+
+    Attributes:
+        force: generalised force per innovation, shape (n, nv, 2 nv); None when no force is injected.
+        state: tangent-space correction of (q, qd) per innovation, made before the step, shape (n, 2 nv, 2 nv); None
+            when the state is left to the dynamics.
+        whitener: weight of the output error at the end of each step, shape (n, n_y, 2 nv) or (2 nv,) for a constant
+            diagonal; the monitoring signal integrates |whitener y~|^2.
+    """
+
+    force: FloatArray | None
+    state: FloatArray | None
+    whitener: FloatArray
+
+
+class OutputInjection(Protocol):
+    """What a bank needs to know about an injection."""
+
+    def restart(self) -> None:
+        """Forget everything that belongs to the dwell window before."""
+
+    def gains(self, block: ReplayBlock) -> InjectionGains:
+        """Gains for the samples of the block that comes next."""
+
+
+@dataclass(frozen=True)
+class InertiaShapedInjection:
+    """K1 = w^2 H0(q), K2 = 2 zeta w H0(q), with the nominal mass matrix H0 at the measured position.
+
+    The shape makes every joint, light or heavy, follow the measurement with the same bandwidth; a diagonal gain that
+    is stiff enough for the trunk makes light distal links diverge. The mass matrix is held over a few samples, which
+    changes the gain and nothing else.
+
+    Attributes:
+        model: the nominal identification model.
+        bandwidth_rad_s: w > 0.
+        damping_ratio: zeta >= 0.
+        position_weight: weight of position errors [1/rad or 1/m] in the monitoring signal.
+        velocity_weight: weight of velocity errors [s/rad or s/m].
+        hold_steps: samples for which a mass matrix is kept.
+    """
+
+    model: mujoco.MjModel
+    bandwidth_rad_s: float = 20.0
+    damping_ratio: float = 1.0
+    position_weight: float = 1.0
+    velocity_weight: float = 1.0
+    hold_steps: int = 10
+
+    def restart(self) -> None:
+        """Nothing is carried over: the gain depends on the measured position alone."""
+
+    def gains(self, block: ReplayBlock) -> InjectionGains:
+        """Gains at the measured positions of the block."""
+        nv, n = self.model.nv, len(block)
+        data = mujoco.MjData(self.model)
+        inertia = np.empty((nv, nv))
+        force = np.empty((n, nv, 2 * nv))
+        w, zeta = self.bandwidth_rad_s, self.damping_ratio
+        for start in range(0, n, self.hold_steps):
+            data.qpos[:] = block.qpos[start]
+            mujoco.mj_kinematics(self.model, data)
+            mujoco.mj_comPos(self.model, data)
+            mujoco.mj_makeM(self.model, data)
+            mujoco.mj_fullM(self.model, data, inertia)
+            stop = start + self.hold_steps
+            force[start:stop, :, :nv] = w * w * inertia
+            force[start:stop, :, nv:] = 2.0 * zeta * w * inertia
+        weight = np.repeat([self.position_weight, self.velocity_weight], nv)
+        return InjectionGains(force=force, state=None, whitener=weight)

@@ -1,0 +1,297 @@
+"""A floating-base robot from MJCF: names, identification model, and the only writer of parameters into a model."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from massid.errors import LogError, ModelError, unknown_name
+from massid.log.walk import Walk
+from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.typing import FloatArray, IntArray
+
+WRENCH_SITE_PREFIX = "massid_wrench/"
+SOLVER_ITERATIONS = 100
+SOLVER_TOLERANCE = 1e-14
+"""The engine's constraint solver must not add its own error; models shipped for games stop it after 3 iterations."""
+
+
+@dataclass(frozen=True)
+class Realisation:
+    """What N parameter vectors mean for N identification models; every leading axis is N.
+
+    Attributes:
+        model_fields: MjModel field name -> values, shape (N, *field shape).
+        effort_offset: what the torque sensors read too much, shape (N, n_joints) [N m]; None for nothing.
+    """
+
+    model_fields: Mapping[str, FloatArray]
+    effort_offset: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class JointLayout:
+    """Where the free joint and the one-axis joints stand in the model's qpos and qvel."""
+
+    root_qpos: int
+    root_dof: int
+    joint_qpos: IntArray
+    joint_dof: IntArray
+
+    def to_qpos(self, columns: FloatArray) -> FloatArray:
+        """Reorder walk columns [base pose, joints] into the model's qpos, shape (..., nq)."""
+        qpos = np.empty_like(columns)
+        qpos[..., self.root_qpos : self.root_qpos + 7] = columns[..., :7]
+        qpos[..., self.joint_qpos] = columns[..., 7:]
+        return qpos
+
+    def to_qvel(self, columns: FloatArray) -> FloatArray:
+        """Reorder walk columns [base twist, joints] into the model's qvel, shape (..., nv)."""
+        qvel = np.empty_like(columns)
+        qvel[..., self.root_dof : self.root_dof + 6] = columns[..., :6]
+        qvel[..., self.joint_dof] = columns[..., 6:]
+        return qvel
+
+
+class Robot:
+    """A robot model with one floating base.
+
+    Attributes:
+        spec: the model as loaded; never written to.
+        model: its compiled form, with nominal masses.
+        source: file name or "spec", for messages.
+    """
+
+    def __init__(self, spec: mujoco.MjSpec, source: str = "spec") -> None:
+        self.spec = spec
+        self.source = source
+        try:
+            self.model = spec.compile()
+        except ValueError as error:
+            raise ModelError(f"{source}: MuJoCo cannot compile it: {_one_line(error)}") from error
+        model = self.model
+        free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
+        if len(free) != 1:
+            bodies = ", ".join(model.body(int(model.jnt_bodyid[j])).name for j in free) or "none"
+            raise ModelError(
+                f"{source}: expected one body with a free joint (the floating base), found {len(free)} ({bodies})."
+            )
+        ball = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
+        if len(ball):
+            raise ModelError(
+                f"{source}: joint '{model.joint(int(ball[0])).name}' is a ball joint; a joint state holds one number "
+                "per joint, so model it as three hinges."
+            )
+        root = int(free[0])
+        self.root_body: str = model.body(int(model.jnt_bodyid[root])).name
+        others = [j for j in range(model.njnt) if j != root]
+        self.joint_names: tuple[str, ...] = tuple(model.joint(j).name for j in others)
+        if "" in self.joint_names or not self.root_body:
+            raise ModelError(f"{source}: every joint and the floating base need a name to be matched with a log.")
+        self.layout = JointLayout(
+            root_qpos=int(model.jnt_qposadr[root]),
+            root_dof=int(model.jnt_dofadr[root]),
+            joint_qpos=np.asarray(model.jnt_qposadr[others], dtype=np.int64),
+            joint_dof=np.asarray(model.jnt_dofadr[others], dtype=np.int64),
+        )
+
+    @classmethod
+    def load(cls, source: str | Path | mujoco.MjSpec) -> Robot:
+        """Load a robot from an MJCF or URDF file, or take an MjSpec.
+
+        Raises:
+            ModelError: the file is missing, does not parse or compile, or has no single floating base.
+        """
+        if isinstance(source, mujoco.MjSpec):
+            return cls(source)
+        path = Path(source)
+        if not path.is_file():
+            what = "is a folder" if path.is_dir() else "does not exist"
+            raise ModelError(f"Model file {path} {what}; expected an MJCF (.xml) file.")
+        try:
+            spec = mujoco.MjSpec.from_file(str(path))
+        except ValueError as error:
+            raise ModelError(f"{path}: not a model that MuJoCo can read: {_one_line(error)}") from error
+        return cls(spec, path.name)
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Names of the bodies that have a mass of their own and move, in model order."""
+        model = self.model
+        return tuple(
+            model.body(b).name
+            for b in range(1, model.nbody)
+            if model.body_mass[b] > 0 and model.body_dofnum[model.body_weldid[b]] > 0
+        )
+
+    @property
+    def total_mass_kg(self) -> float:
+        """Nominal mass of all moving links [kg]."""
+        return float(sum(self.nominal_mass_kg(link) for link in self.links))
+
+    def nominal_mass_kg(self, link: str) -> float:
+        """Mass that the model file gives a link [kg].
+
+        Raises:
+            ModelError: no such link, or a body without mass, or one that does not move.
+        """
+        if link in self.links:
+            return float(self.model.body(link).mass[0])
+        bodies = [self.model.body(b).name for b in range(self.model.nbody)]
+        if link == "world":
+            raise ModelError(f"The world has no mass to identify. {self.source} has: {', '.join(self.links)}.")
+        if link in bodies:
+            why = "does not move" if self.model.body(link).mass[0] > 0 else "has no mass"
+            raise ModelError(f"Body '{link}' of {self.source} {why}. Links with a mass: {', '.join(self.links)}.")
+        raise ModelError(unknown_name("link", link, self.links, self.source))
+
+    def mass_space(self, links: Iterable[str]) -> ParameterSpace:
+        """Span the masses of the named links, each within the default Theta.
+
+        Raises:
+            ModelError: a name is not a link with a mass.
+            BadInputError: no links, or a link named twice.
+        """
+        return ParameterSpace(tuple(Parameter.mass(link, self.nominal_mass_kg(link)) for link in links))
+
+    def realise(self, space: ParameterSpace, points: FloatArray) -> Realisation:
+        """Translate parameter vectors into model fields.
+
+        A mass scales the rotational inertia of its link with it and leaves the centre of mass, as for a link whose
+        density is uncertain.
+
+        Args:
+            space: what each coordinate means.
+            points: shape (N, n_p).
+        """
+        points = np.atleast_2d(points)
+        n = len(points)
+        mass = np.repeat(self.model.body_mass[None], n, axis=0)
+        inertia = np.repeat(self.model.body_inertia[None], n, axis=0)
+        effort_offset: FloatArray | None = None
+        for column, parameter in enumerate(space.parameters):
+            values = points[:, column]
+            match parameter.kind:
+                case Kind.MASS:
+                    body = self.model.body(parameter.target).id
+                    inertia[:, body] *= (values / mass[:, body])[:, None]
+                    mass[:, body] = values
+                case Kind.EFFORT_OFFSET:
+                    if effort_offset is None:
+                        effort_offset = np.zeros((n, len(self.joint_names)))
+                    effort_offset[:, self.joint_names.index(parameter.target)] = values
+        return Realisation({"body_mass": mass, "body_inertia": inertia}, effort_offset)
+
+    def model_at(self, space: ParameterSpace, point: FloatArray) -> mujoco.MjModel:
+        """Compile a copy of the full model (actuators, contacts) with the parameters of one point in it."""
+        model = self.spec.copy().compile()
+        write_fields(model, self.realise(space, point))
+        return model
+
+    def identification_model(self, contact_bodies: Sequence[str]) -> mujoco.MjModel:
+        """Compile the model of Eq. (22) that is driven by measured torques and wrenches.
+
+        Contacts and the robot's own actuators are off. Friction, damping, armature, springs, joint limits and the
+        integrator stay in the engine. Each contact body carries six motors at its frame's origin, so that a measured
+        wrench acts in its own sensor frame and turns with the model.
+
+        Args:
+            contact_bodies: bodies whose wrench was measured; controls are ordered like them, six each
+                (force [N], moment [N m]).
+
+        Raises:
+            ModelError: a contact body is not in the model.
+        """
+        spec = self.spec.copy()
+        for group in (spec.keys, spec.actuators, spec.sensors):
+            for element in list(group):
+                spec.delete(element)
+        for body_name in contact_bodies:
+            body = spec.body(body_name)
+            if body is None:
+                bodies = (self.model.body(b).name for b in range(1, self.model.nbody))
+                raise ModelError(unknown_name("contact body", body_name, bodies, self.source))
+            site = body.add_site(name=f"{WRENCH_SITE_PREFIX}{body_name}")
+            for axis in range(6):
+                gear = np.zeros(6)
+                gear[axis] = 1.0
+                motor = spec.add_actuator(
+                    name=f"{site.name}/{axis}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site.name, gear=gear
+                )
+                motor.set_to_motor()
+        option = spec.option
+        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+        option.iterations, option.tolerance = SOLVER_ITERATIONS, SOLVER_TOLERANCE
+        return spec.compile()
+
+    def align(self, walk: Walk) -> Walk:
+        """Return the walk with its joints in the model's order.
+
+        Raises:
+            LogError: another root body, a missing joint, or a contact body that the model does not have.
+        """
+        if walk.root_body != self.root_body:
+            raise LogError(
+                f"{walk.source}: the base pose is that of '{walk.root_body}', but the floating base of {self.source} is "
+                f"'{self.root_body}'."
+            )
+        bodies = [self.model.body(b).name for b in range(1, self.model.nbody)]
+        for name in walk.contact_bodies:
+            if name not in bodies:
+                raise LogError(unknown_name("body", name, bodies, self.source) + f" {walk.source} has its wrench.")
+        for name in walk.joint_names:
+            if name not in self.joint_names:
+                raise LogError(unknown_name("joint", name, self.joint_names, self.source) + f" {walk.source} has it.")
+        return walk.with_joint_order(self.joint_names)
+
+    def write_mjcf(self, space: ParameterSpace, point: FloatArray, path: Path) -> None:
+        """Save the model with the parameters of one point in its masses and inertias.
+
+        Works whether inertia was given or came from geoms; asset folders are written relative to the new file.
+
+        Raises:
+            ModelError: the file cannot be written.
+        """
+        spec = self.spec.copy()
+        fields = self.realise(space, point).model_fields
+        if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+            targets = list(range(1, self.model.nbody))
+            spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        else:
+            targets = [self.model.body(p.target).id for p in space.parameters if p.kind is Kind.MASS]
+        for body_id in targets:
+            name = self.model.body(body_id).name
+            body = spec.body(name)
+            body.explicitinertial = True
+            body.mass = float(fields["body_mass"][0, body_id])
+            body.ipos = self.model.body_ipos[body_id]
+            body.iquat = self.model.body_iquat[body_id]
+            body.inertia = fields["body_inertia"][0, body_id]
+            body.fullinertia = np.full(6, np.nan)
+        try:
+            path.write_text(spec.to_xml())
+        except OSError as error:
+            raise ModelError(f"Cannot write {path}: {error.strerror}.") from error
+
+
+def write_fields(model: mujoco.MjModel, realisation: Realisation, index: int = 0) -> None:
+    """Write one row of a realisation into a compiled model and refresh what the engine derives from it."""
+    for name, values in realisation.model_fields.items():
+        getattr(model, name)[:] = values[index]
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a model file, to recognise it in a log's metadata."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

@@ -1,0 +1,139 @@
+"""Monitoring signals mu_j of all models (Eq. 5-7) and the Gram matrix that holds them on its diagonal.
+
+For output errors y~_j of models j the filter of Eq. (7) is run on all pairs at once,
+
+    dG/dt = -lambda G + Y~^T Y~,      G_jk = integral w(t) y~_j^T y~_k dt,      mu_j = G_jj,
+
+so that the same models yield, besides their scores, the gradient of mu and its Gauss-Newton Hessian at the centre,
+with no trajectory stored.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from massid.errors import DivergedBankError
+from massid.search.bank import OutputErrors
+from massid.search.proposal import Proposal
+from massid.search.quadratic import LocalQuadratic
+from massid.typing import BoolArray, FloatArray
+
+
+class MonitoringFilter:
+    """Eq. (7) with zero-order hold, for all pairs of models, from one dwell start on.
+
+    Args:
+        n_models: size of the bank N.
+        timestep_s: period of the output errors [s], > 0.
+        forgetting_rate: lambda [1/s], >= 0.
+    """
+
+    def __init__(self, n_models: int, timestep_s: float, forgetting_rate: float = 0.0) -> None:
+        self._timestep_s = timestep_s
+        self._rate = forgetting_rate
+        self._gram: FloatArray = np.zeros((n_models, n_models))
+        self._diverged: BoolArray = np.zeros(n_models, dtype=np.bool_)
+        self._samples = 0
+
+    def update(self, errors: OutputErrors) -> None:
+        """Add a block of output errors, shape (n_models, n_steps, n_y)."""
+        n_models, n_steps, _ = errors.values.shape
+        self._diverged = self._diverged | errors.diverged | ~np.isfinite(errors.values).all(axis=(1, 2))
+        age_s = self._timestep_s * np.arange(n_steps - 1, -1, -1)
+        weight = np.sqrt(self._timestep_s * np.exp(-self._rate * age_s))
+        weighted = np.where(self._diverged[:, None, None], 0.0, errors.values) * weight[:, None]
+        rows = weighted.reshape(n_models, -1)
+        self._gram *= np.exp(-self._rate * self._timestep_s * n_steps)
+        self._gram += rows @ rows.T
+        self._samples += errors.values[0].size
+
+    def result(self, proposal: Proposal) -> Monitoring:
+        """Close the window: what the models of a proposal scored."""
+        return Monitoring(proposal=proposal, gram=self._gram.copy(), diverged=self._diverged, samples=self._samples)
+
+
+@dataclass(frozen=True)
+class Monitoring:
+    """Scores of one dwell window, or the sum over several windows with the same points.
+
+    Attributes:
+        proposal: the points and what each was for.
+        gram: G, shape (n_models, n_models).
+        diverged: models that left the finite numbers, shape (n_models,); never ranked.
+        samples: number of scalar output errors behind each entry of G.
+    """
+
+    proposal: Proposal
+    gram: FloatArray
+    diverged: BoolArray
+    samples: int
+
+    def __add__(self, other: Monitoring) -> Monitoring:
+        """Sum over windows: a model that diverged in one of them is out."""
+        return Monitoring(
+            proposal=self.proposal,
+            gram=self.gram + other.gram,
+            diverged=self.diverged | other.diverged,
+            samples=self.samples + other.samples,
+        )
+
+    @cached_property
+    def mu(self) -> FloatArray:
+        """Monitoring signals, shape (n_models,); inf for diverged models. Lower is better."""
+        return np.where(self.diverged, np.inf, np.diagonal(self.gram))
+
+    def require_finite(self) -> None:
+        """Check that enough models are left to span every direction around the centre.
+
+        Raises:
+            DivergedBankError: the centre, or all but fewer than n_p samples, diverged.
+        """
+        n_p = self.proposal.points.shape[1]
+        finite_samples = int(np.sum(~self.diverged[self.proposal.samples]))
+        if self.diverged[self.proposal.centre] or finite_samples < n_p:
+            named = ", ".join(str(i) for i in np.flatnonzero(self.diverged))
+            raise DivergedBankError(
+                f"{int(self.diverged.sum())} of {len(self.diverged)} identification models diverged (models {named}; "
+                f"0 is the centre); a search direction for {n_p} parameters needs the centre and {n_p} samples. Use a "
+                "smaller --radius or another --bandwidth, or check the log."
+            )
+
+    def local_quadratic(self) -> LocalQuadratic:
+        """Expand mu around the centre to second order (Gauss-Newton), from the models that stayed finite.
+
+        With D the samples' offsets from the centre and D+ its pseudo-inverse, the output error is taken as affine,
+        y~(p_c + d) = y~_c + J d with J^T = D+ (Y~_samples - y~_c). Then mu = G_cc, its gradient 2 J^T y~_c and its
+        Hessian 2 J^T J are entries of T G T^T, with T built from D+.
+
+        Raises:
+            DivergedBankError: see `require_finite`.
+        """
+        self.require_finite()
+        centre = self.proposal.centre
+        samples = self.proposal.samples[~self.diverged[self.proposal.samples]]
+        offsets = self.proposal.points[samples] - self.proposal.points[centre]
+        spread = np.sqrt(np.mean(offsets**2, axis=0))
+        spread = np.where(spread > 0.0, spread, 1.0)
+        inverse = np.linalg.pinv(offsets / spread) / spread[:, None]
+        n_p = offsets.shape[1]
+        transform = np.zeros((1 + n_p, len(self.gram)))
+        transform[0, centre] = 1.0
+        transform[1:, samples] = inverse
+        transform[1:, centre] = -inverse.sum(axis=1)
+        moments = transform @ self.gram @ transform.T
+        residual = np.zeros((len(samples), len(self.gram)))
+        residual[np.arange(len(samples)), samples] = 1.0
+        residual -= np.hstack([np.ones((len(samples), 1)), offsets]) @ transform
+        unexplained = np.einsum("ij,jk,ik->i", residual, self.gram, residual)
+        return LocalQuadratic(
+            centre=self.proposal.points[centre],
+            value=float(moments[0, 0]),
+            gradient=2.0 * moments[1:, 0],
+            curvature=2.0 * moments[1:, 1:],
+            misfit=float(max(unexplained.mean(), 0.0)),
+            spread=spread,
+            samples=self.samples,
+        )

@@ -1,0 +1,82 @@
+"""A second-order picture of mu around a point; pictures of several windows, logs and priors add up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massid.typing import FloatArray
+
+
+@dataclass(frozen=True)
+class LocalQuadratic:
+    """mu(centre + d) = value + gradient^T d + d^T curvature d / 2.
+
+    Attributes:
+        centre: where it was measured, shape (n_p,).
+        value: mu at the centre.
+        gradient: shape (n_p,).
+        curvature: Gauss-Newton Hessian, positive semidefinite, shape (n_p, n_p). (Remark 3's Q is half of it.)
+        misfit: mean of the samples' scores that an affine output error does not explain.
+        spread: root mean square offset of the samples, per coordinate, shape (n_p,).
+        samples: number of scalar output errors behind it.
+    """
+
+    centre: FloatArray
+    value: float
+    gradient: FloatArray
+    curvature: FloatArray
+    misfit: float
+    spread: FloatArray
+    samples: int
+
+    def at(self, point: FloatArray) -> float:
+        """Predicted mu at a point."""
+        d = point - self.centre
+        return float(self.value + self.gradient @ d + 0.5 * d @ self.curvature @ d)
+
+    def shifted(self, centre: FloatArray) -> LocalQuadratic:
+        """The same quadratic, expanded around another point."""
+        return replace(
+            self,
+            centre=centre,
+            value=self.at(centre),
+            gradient=self.gradient + self.curvature @ (centre - self.centre),
+        )
+
+    def scaled(self, factor: float) -> LocalQuadratic:
+        """The quadratic times a positive number: a weight, or a discount for age."""
+        return replace(
+            self,
+            value=factor * self.value,
+            gradient=factor * self.gradient,
+            curvature=factor * self.curvature,
+            misfit=factor * self.misfit,
+        )
+
+    def __add__(self, other: LocalQuadratic) -> LocalQuadratic:
+        """Sum, around this one's centre."""
+        moved = other.shifted(self.centre)
+        return replace(
+            self,
+            value=self.value + moved.value,
+            gradient=self.gradient + moved.gradient,
+            curvature=self.curvature + moved.curvature,
+            misfit=self.misfit + moved.misfit,
+            samples=self.samples + moved.samples,
+        )
+
+    @property
+    def damping(self) -> FloatArray:
+        """Curvature that the misfit puts in doubt, per coordinate, shape (n_p,).
+
+        An error of the affine picture of size sqrt(misfit) at an offset of one spread is an uncertainty of the
+        Jacobian of sqrt(misfit) / spread; it adds this much to the expected mu of a step d: sum(damping d^2) / 2.
+        """
+        return 2.0 * self.misfit / self.spread**2
+
+    @property
+    def lipschitz(self) -> float:
+        """L of Eq. (12): the largest eigenvalue of the Hessian."""
+        return float(np.linalg.eigvalsh(self.curvature)[-1])
