@@ -16,6 +16,8 @@ from massid.log.walk import Walk
 from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.typing import FloatArray, IntArray
 
+WALKING_LINKS = ("torso", "l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot")
+"""The links whose masses matter most to walking: what Section V-D identifies."""
 WRENCH_SITE_PREFIX = "massid_wrench/"
 SOLVER_ITERATIONS = 100
 SOLVER_TOLERANCE = 1e-14
@@ -129,6 +131,10 @@ class Robot:
             for b in range(1, model.nbody)
             if model.body_mass[b] > 0 and model.body_dofnum[model.body_weldid[b]] > 0
         )
+
+    def walking_links(self) -> tuple[str, ...]:
+        """Those of torso, thighs, calves and feet that the robot has under these names."""
+        return tuple(link for link in WALKING_LINKS if link in self.links)
 
     @property
     def total_mass_kg(self) -> float:
@@ -245,10 +251,10 @@ class Robot:
         bodies = [self.model.body(b).name for b in range(1, self.model.nbody)]
         for name in walk.contact_bodies:
             if name not in bodies:
-                raise LogError(unknown_name("body", name, bodies, self.source) + f" {walk.source} has its wrench.")
+                raise LogError(f"{unknown_name('body', name, bodies, self.source)} {walk.source} has its wrench.")
         for name in walk.joint_names:
             if name not in self.joint_names:
-                raise LogError(unknown_name("joint", name, self.joint_names, self.source) + f" {walk.source} has it.")
+                raise LogError(f"{unknown_name('joint', name, self.joint_names, self.source)} {walk.source} has it.")
         return walk.with_joint_order(self.joint_names)
 
     def write_mjcf(self, space: ParameterSpace, point: FloatArray, path: Path) -> None:

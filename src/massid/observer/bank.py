@@ -97,9 +97,7 @@ class RobotBank:
                     np.add(engine.force, injected, out=engine.force)
                 engine.wrench[:] = block.wrench[k]
                 engine.step()
-                state_difference(
-                    engine.qpos, engine.qvel, block.qpos[k + 1], block.qvel[k + 1], *addresses, innovation
-                )
+                state_difference(engine.qpos, engine.qvel, block.qpos[k + 1], block.qvel[k + 1], *addresses, innovation)
                 np.negative(innovation, out=errors[k])
             if gains.whitener.ndim == 1:
                 errors *= gains.whitener

@@ -40,7 +40,7 @@ def state_difference(
     for i in range(qpos.shape[0]):
         for axis in range(3):
             out[i, root_dof + axis] = qpos_measured[root_qpos + axis] - qpos[i, root_qpos + axis]
-        # conj(q_hat) * q
+        # The relative rotation: conjugate of the model's quaternion times the measured one.
         aw, ax, ay, az = qpos[i, q], -qpos[i, q + 1], -qpos[i, q + 2], -qpos[i, q + 3]
         bw, bx, by, bz = qpos_measured[q], qpos_measured[q + 1], qpos_measured[q + 2], qpos_measured[q + 3]
         w = aw * bw - ax * bx - ay * by - az * bz

@@ -15,6 +15,8 @@ DirectionName: TypeAlias = Literal["gauss-newton", "gradient"]
 BORDER_DAMPING = 0.7
 """beta of Section III: the factor that shortens a step until it ends inside Theta."""
 
+_TINY = 1e-12
+
 
 class Direction(Protocol):
     """Computes alpha times the search direction: the offset of the next estimate (Eq. 9)."""
@@ -48,19 +50,24 @@ class GaussNewtonDirection:
     """Step to the minimum of the Gauss-Newton quadratic in Theta, damped by the misfit of the affine picture."""
 
     def step(self, quadratic: LocalQuadratic, space: ParameterSpace) -> FloatArray:
-        """Offset to the minimum; coordinates that would leave Theta stop at its border, the others make up for it."""
+        """Offset to the minimum in the box Theta, by active sets: hold what would leave, release what wants back in."""
+        low, high = space.lower - quadratic.centre, space.upper - quadratic.centre
         free: BoolArray = np.ones(len(space), dtype=np.bool_)
         step = np.zeros(len(space))
-        while free.any():
-            held = quadratic.gradient + quadratic.curvature @ np.where(free, 0.0, step)
-            step[free] = _solve(quadratic, held, free)
-            target = quadratic.centre + step
-            outside = free & ((target < space.lower) | (target > space.upper))
-            if not outside.any():
-                return step
-            step[outside] = space.project(target)[outside] - quadratic.centre[outside]
-            free = free & ~outside
-        return step
+        for _ in range(10 * len(space)):
+            step[free] = _solve(quadratic, quadratic.gradient + quadratic.curvature @ np.where(free, 0.0, step), free)
+            outside = free & ((step < low) | (step > high))
+            if outside.any():
+                step = np.clip(step, low, high)
+                free = free & ~outside
+                continue
+            slope = quadratic.gradient + quadratic.curvature @ step + quadratic.damping * step
+            inward = np.where(step <= low, -slope, slope) / np.sqrt(np.diagonal(quadratic.curvature) + _TINY)
+            wants_back = ~free & (inward > _TINY)
+            if not wants_back.any():
+                break
+            free[np.argmax(np.where(wants_back, inward, -np.inf))] = True
+        return np.clip(step, low, high)
 
 
 def _solve(quadratic: LocalQuadratic, gradient: FloatArray, free: BoolArray) -> FloatArray:

@@ -15,9 +15,7 @@ _OUTLIER_DEVIATIONS = 4.0
 _RANSAC_TRIALS = 100
 
 
-def estimate_gradient(
-    monitoring: Monitoring, estimator: GradientEstimator, rng: np.random.Generator
-) -> FloatArray:
+def estimate_gradient(monitoring: Monitoring, estimator: GradientEstimator, rng: np.random.Generator) -> FloatArray:
     """Gradient of mu at the centre, shape (n_p,).
 
     `gram` uses output errors (see `Monitoring.local_quadratic`); the others see scores alone: `differences` the

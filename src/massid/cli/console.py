@@ -1,0 +1,70 @@
+"""What the command line draws: progress bars on stderr, tables on stdout."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from massid.identify import Result
+from massid.identify.progress import Progress as ProgressCallback
+from massid.score import Score
+
+OUT = Console(highlight=False)
+ERR = Console(stderr=True, highlight=False)
+
+
+@contextlib.contextmanager
+def progress_bar(title: str) -> Iterator[ProgressCallback]:
+    """Draw a bar on stderr while work goes on; nothing when stderr is not a terminal."""
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[what]}"), TimeRemainingColumn())
+    with Progress(*columns, console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
+        task = bar.add_task(title, total=1.0, what="")
+
+        def update(fraction: float, what: str) -> None:
+            bar.update(task, completed=fraction, what=what)
+
+        yield update
+
+
+def warn(message: str) -> None:
+    """Print one warning line on stderr."""
+    ERR.print(f"massid: warning: {message}", soft_wrap=True, markup=False)
+
+
+def say(message: str) -> None:
+    """Print one line on stdout."""
+    OUT.print(message, soft_wrap=True, markup=False)
+
+
+def result_table(result: Result, scored: Score | None) -> Table:
+    """The table that every identification ends with: link, nominal, estimate and, with the truth, its error."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("link")
+    table.add_column("nominal [kg]", justify="right")
+    table.add_column("estimate [kg]", justify="right")
+    if scored:
+        table.add_column("true [kg]", justify="right")
+        table.add_column("error [kg]", justify="right")
+    nominal = result.nominal_kg
+    for (link, estimate), identifiable in zip(
+        result.estimate_kg.items(), result.excitation.identifiable, strict=True
+    ):
+        row = [link, f"{nominal[link]:.3f}", f"{estimate:.4f}" if identifiable else "not identifiable"]
+        if scored:
+            row += [f"{scored.true_kg[link]:.4f}", f"{scored.error_kg[link]:+.1e}" if identifiable else "-"]
+        table.add_row(*row)
+    return table
+
+
+def print_result(result: Result, scored: Score | None) -> None:
+    """Print the table and one line on how the identification went."""
+    OUT.print(result_table(result, scored))
+    unit = "dwell windows" if result.mode == "online" else "passes over the log"
+    speed = f"{result.log_s:.1f} s of walking in {result.wall_s:.1f} s"
+    say(f"\n{result.status} after {len(result.windows)} {unit} ({speed})")
+    if scored:
+        say(f"L2 mass error: {scored.l2_error_initial_kg:.3g} kg before, {scored.l2_error_kg[-1]:.2g} kg after")

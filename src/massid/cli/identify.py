@@ -1,0 +1,125 @@
+"""massid identify: link masses from a log."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from massid.assets import find_model_by_hash, resolve_model
+from massid.errors import BadInputError, LogError
+from massid.identify.options import IdentifyOptions
+from massid.identify.result import Result, Status
+from massid.log.walk import Walk
+from massid.robot import Robot
+
+EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVERGED: 4}
+
+
+@dataclass(frozen=True)
+class Identify:
+    """Find the masses of a robot's links from the log of a walk.
+
+    Examples:
+      massid identify walk.mcap --model robot.xml --links torso,l_thigh,r_thigh
+      massid identify walk.mcap --truth walk.truth.json --rerun walk.rrd
+      massid identify walk.mcap --direction gradient --mode offline --json result.json
+    """
+
+    log: tyro.conf.Positional[Path]
+    """MCAP log of a walk."""
+    model: str | None = None
+    """MJCF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
+    links: str | None = None
+    """Links to weigh, separated by commas; default torso, thighs, calves and feet."""
+    mode: Literal["online", "offline"] = "online"
+    """online sees every dwell window once; offline replays the log and sums over all windows."""
+    truth: Path | None = None
+    """NAME.truth.json of a simulated walk: adds true masses and errors to what is printed, nothing else."""
+    json: Path | None = None
+    """Write the result as JSON."""
+    save_model: Path | None = None
+    """Write the robot's MJCF with the identified masses and inertias."""
+    rerun: Path | None = None
+    """Write a Rerun recording of the walk and of the search."""
+    png: Path | None = None
+    """Write a picture that sums up the search."""
+    options: Annotated[IdentifyOptions, tyro.conf.arg(name="")] = field(default_factory=IdentifyOptions)
+
+    def run(self) -> int:
+        """Identify, print the table, write what was asked for."""
+        from massid.cli.console import print_result, progress_bar, say, warn
+        from massid.identify import identify_offline, identify_online
+        from massid.identify.result import write_json
+        from massid.log import read_walk
+        from massid.score import Truth, score, with_score
+
+        for path in (self.json, self.save_model, self.rerun, self.png):
+            if path is not None and not path.parent.is_dir():
+                raise BadInputError(f"Cannot write {path}: the folder {path.parent} does not exist.")
+        truth = Truth.load(self.truth) if self.truth else None
+        walk = read_walk(self.log)
+        for warning in walk.warnings:
+            warn(warning)
+        robot = Robot.load(self._model_path(walk))
+        space = robot.mass_space(self._links(robot))
+        identify = identify_online if self.mode == "online" else identify_offline
+        with progress_bar("identifying") as progress:
+            result = identify(walk, robot, space, self.options, progress)
+        scored = score(result, truth) if truth else None
+        print_result(result, scored)
+        if result.status is Status.NOT_IDENTIFIABLE:
+            warn(self._hidden(result))
+        document = result.to_json()
+        if self.json:
+            write_json(with_score(document, scored) if scored else document, self.json)
+            say(f"result: {self.json}")
+        if self.save_model:
+            robot.write_mjcf(space, result.estimate, self.save_model)
+            say(f"model: {self.save_model}")
+        if self.rerun:
+            from massid.view import write_recording
+
+            write_recording(self.rerun, walk, robot, result, scored)
+            say(f"recording: {self.rerun} (massid view {self.rerun})")
+        if self.png:
+            from massid.view import write_summary_png
+
+            write_summary_png(self.png, walk, robot, result, scored)
+            say(f"picture: {self.png}")
+        return EXIT_CODES[result.status]
+
+    def _model_path(self, walk: Walk) -> Path:
+        if self.model is not None:
+            return resolve_model(self.model)
+        path = find_model_by_hash(walk.metadata.get("model_sha256", ""))
+        if path is None:
+            made_with = walk.metadata.get("model_file", "an unknown model")
+            raise LogError(f"{walk.source} was made with {made_with}, which is not shipped: name it with --model.")
+        return path
+
+    def _links(self, robot: Robot) -> list[str]:
+        if self.links is not None:
+            return [link.strip() for link in self.links.split(",") if link.strip()]
+        links = robot.walking_links()
+        if not links:
+            raise BadInputError(
+                f"{robot.source} has no links named like torso, l_thigh, l_calf or l_foot: name the links to weigh with "
+                f"--links. It has: {', '.join(robot.links)}."
+            )
+        return list(links)
+
+    @staticmethod
+    def _hidden(result: Result) -> str:
+        rows = zip(
+            result.space.parameters, result.excitation.identifiable, result.excitation.reference_std, strict=True
+        )
+        hidden = ", ".join(
+            f"{parameter.target} (+-{deviation:.2g} kg)" for parameter, identifiable, deviation in rows if not identifiable
+        )
+        return (
+            f"this walk does not reveal {hidden}: with ordinary encoders the mass would not even be known to half of its "
+            "nominal value. A longer walk with more motion of these links would help."
+        )

@@ -1,0 +1,33 @@
+"""massid links: what can be weighed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import tyro
+
+
+@dataclass(frozen=True)
+class Links:
+    """List the links of a robot with their nominal masses, as --links takes them.
+
+    Examples:
+      massid links atlas
+      massid links my_robot.xml
+    """
+
+    model: tyro.conf.Positional[str]
+    """MJCF file, or the name of a shipped robot."""
+
+    def run(self) -> int:
+        """Print one line per link."""
+        from massid.assets import resolve_model
+        from massid.cli.console import say
+        from massid.robot import Robot
+
+        robot = Robot.load(resolve_model(self.model))
+        width = max(len(link) for link in robot.links)
+        for link in robot.links:
+            say(f"{link:{width}}  {robot.nominal_mass_kg(link):8.3f} kg")
+        say(f"{'total':{width}}  {robot.total_mass_kg:8.3f} kg")
+        return 0

@@ -1,0 +1,197 @@
+"""Online identification (Section IV-B): every dwell window is seen once, and nothing of it is stored."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from massid.errors import LogError
+from massid.identify.excitation import assess_excitation
+from massid.identify.options import IdentifyOptions
+from massid.identify.progress import Progress, silent
+from massid.identify.result import Result, Status, WindowResult
+from massid.log.walk import Sample, Walk
+from massid.observer.bank import RobotBank
+from massid.observer.injection import InertiaShapedInjection
+from massid.observer.replay import SampleBuffer
+from massid.parameters import ParameterSpace
+from massid.robot import Robot
+from massid.search.guided import GuidedSearch, SearchStatus
+from massid.search.monitoring import MonitoringFilter
+from massid.typing import FloatArray
+
+BLOCK_STEPS = 50
+"""Samples that are handed to the bank at a time; the only buffer there is."""
+
+
+def make_bank(
+    robot: Robot, space: ParameterSpace, contact_bodies: Sequence[str], timestep_s: float, options: IdentifyOptions
+) -> RobotBank:
+    """Build the bank of identification models that the options describe."""
+    injection = InertiaShapedInjection(
+        robot.identification_model(contact_bodies), options.bandwidth_rad_s, options.damping_ratio
+    )
+    return RobotBank(
+        robot, space, contact_bodies, options.bank_size, injection, timestep_s=timestep_s, n_threads=options.threads
+    )
+
+
+class OnlineIdentifier:
+    """Identifies while samples arrive, from a log or from a robot that is walking now.
+
+    Args:
+        robot: the robot with nominal masses.
+        space: what is unknown.
+        contact_bodies: bodies whose wrench is measured, in the order of the samples' rows.
+        timestep_s: sample period [s].
+        options: how to identify.
+
+    Raises:
+        BadInputError: the bank is too small for the parameters.
+        ModelError: a contact body is not in the model.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        space: ParameterSpace,
+        contact_bodies: Sequence[str],
+        timestep_s: float,
+        options: IdentifyOptions | None = None,
+    ) -> None:
+        self.options = options or IdentifyOptions()
+        self.space = space
+        self._timestep_s = timestep_s
+        self._search = GuidedSearch(
+            space, self.options.bank_size, self.options.search, np.random.default_rng(self.options.seed)
+        )
+        self._bank = make_bank(robot, space, contact_bodies, timestep_s, self.options)
+        self._window_steps = round(self.options.dwell_s / timestep_s)
+        if self._window_steps < 2:
+            raise LogError(f"A dwell time of {self.options.dwell_s} s is shorter than two samples of {timestep_s} s.")
+        self._buffer = SampleBuffer(robot.layout, len(robot.joint_names), len(contact_bodies), BLOCK_STEPS + 1)
+        self._curvature: FloatArray = np.zeros((len(space), len(space)))
+        self._windows: list[WindowResult] = []
+        self._converged = False
+        self._pushed = 0
+        self._first_stamp_ns = self._last_stamp_ns = 0
+        self._started = time.perf_counter()
+        self._open_window()
+
+    @property
+    def estimate(self) -> FloatArray:
+        """The current estimate, shape (n_p,)."""
+        return self._search.estimate
+
+    @property
+    def converged(self) -> bool:
+        """Whether the search has met its termination condition; further samples change nothing."""
+        return self._converged
+
+    def push(self, sample: Sample) -> WindowResult | None:
+        """Take one sample; returns an update whenever a dwell window is complete.
+
+        A sample that does not follow the one before by one period drops the window that it interrupts.
+
+        Raises:
+            DivergedBankError: too few models stayed finite in the window that this sample completes.
+        """
+        if self._converged:
+            return None
+        if self._pushed == 0:
+            self._first_stamp_ns = sample.stamp_ns
+        elif abs((sample.stamp_ns - self._last_stamp_ns) * 1e-9 - self._timestep_s) > 0.5 * self._timestep_s:
+            self._open_window()
+            self._buffer.clear()
+        self._last_stamp_ns = sample.stamp_ns
+        self._pushed += 1
+        self._buffer.append(sample)
+        window_is_full = self._steps + self._buffer.n_steps == self._window_steps
+        if self._buffer.n_steps == BLOCK_STEPS or window_is_full:
+            self._advance()
+        return self._close_window() if window_is_full else None
+
+    def result(self, source: str = "walk", warnings: Sequence[str] = ()) -> Result:
+        """What has been found so far.
+
+        Raises:
+            LogError: not one dwell window was complete.
+        """
+        if not self._windows:
+            raise LogError(
+                f"{source}: {self._pushed} samples of {self._timestep_s} s do not fill one dwell window of "
+                f"{self.options.dwell_s} s; record a longer walk or use a shorter --dwell-s."
+            )
+        excitation = assess_excitation(self.space, self._curvature, self._timestep_s)
+        status = Status.CONVERGED if self._converged else Status.NOT_CONVERGED
+        if not excitation.identifiable.all():
+            status = Status.NOT_IDENTIFIABLE
+        return Result(
+            space=self.space,
+            estimate=self.estimate,
+            status=status,
+            windows=tuple(self._windows),
+            excitation=excitation,
+            mode="online",
+            log_s=self._pushed * self._timestep_s,
+            wall_s=time.perf_counter() - self._started,
+            warnings=tuple(warnings),
+            source=source,
+        )
+
+    def _open_window(self) -> None:
+        self._proposal = self._search.ask()
+        self._bank.place(self._proposal.points)
+        self._filter = MonitoringFilter(self.options.bank_size, self._timestep_s, self.options.forgetting_rate)
+        self._steps = 0
+
+    def _advance(self) -> None:
+        block = self._buffer.block()
+        if self._steps == 0:
+            self._bank.restart(block)
+        self._filter.update(self._bank.advance(block))
+        self._steps += len(block)
+        self._buffer.keep_last()
+
+    def _close_window(self) -> WindowResult:
+        iteration = self._search.tell(self._filter.result(self._proposal))
+        self._curvature = self._curvature + iteration.quadratic.curvature
+        self._converged = iteration.status is SearchStatus.CONVERGED
+        window = WindowResult.from_iteration(iteration, (self._last_stamp_ns - self._first_stamp_ns) * 1e-9)
+        self._windows.append(window)
+        self._open_window()
+        return window
+
+
+def identify_online(
+    walk: Walk,
+    robot: Robot,
+    space: ParameterSpace,
+    options: IdentifyOptions | None = None,
+    progress: Progress = silent,
+) -> Result:
+    """Play a recorded walk once, sample by sample, into an `OnlineIdentifier`.
+
+    Args:
+        walk: the log.
+        robot: the robot with nominal masses.
+        space: what is unknown.
+        options: how to identify.
+        progress: told the fraction done and the current estimate's window.
+
+    Raises:
+        LogError: the log does not match the robot, or is shorter than one dwell window.
+        DivergedBankError: too few models stayed finite.
+    """
+    walk = robot.align(walk)
+    identifier = OnlineIdentifier(robot, space, walk.contact_bodies, walk.timestep_s, options)
+    for k, sample in enumerate(walk.samples(), start=1):
+        window = identifier.push(sample)
+        if window is not None:
+            progress(k / len(walk), f"window {window.index + 1}")
+        if identifier.converged:
+            break
+    progress(1.0, "done")
+    return identifier.result(walk.source, walk.warnings)

@@ -1,0 +1,52 @@
+"""How to identify: the bank, the dwell windows, the injection and the search, with defaults that need no tuning."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from massid.errors import BadInputError
+from massid.search.guided import SearchOptions
+
+
+@dataclass(frozen=True)
+class IdentifyOptions:
+    """Settings of an identification.
+
+    Attributes:
+        bank_size: identification models that run in parallel.
+        dwell_s: length T of a dwell window [s]; model states are reset at its start only.
+        bandwidth_rad_s: w of the output injection K1 = w^2 H0, K2 = 2 zeta w H0 [rad/s].
+        damping_ratio: zeta of the output injection.
+        forgetting_rate: lambda of the monitoring signal (Eq. 6) [1/s].
+        passes: offline only: how often the log is replayed at most.
+        threads: worker threads of the bank; 0 for one per processor.
+        seed: seeds the sampling; the same seed gives the same result at any number of threads.
+        search: how directions and steps are computed.
+    """
+
+    bank_size: int = 24
+    dwell_s: float = 0.5
+    bandwidth_rad_s: float = 60.0
+    damping_ratio: float = 1.0
+    forgetting_rate: float = 1.0
+    passes: int = 20
+    threads: int = 0
+    seed: int = 0
+    search: SearchOptions = field(default_factory=SearchOptions)
+
+    def __post_init__(self) -> None:
+        positive = {"bank_size": self.bank_size, "dwell_s": self.dwell_s, "bandwidth_rad_s": self.bandwidth_rad_s}
+        for name, value in positive.items():
+            if not value > 0:
+                raise BadInputError(f"{name} is {value}; it must be positive.")
+        not_negative = {
+            "damping_ratio": self.damping_ratio,
+            "forgetting_rate": self.forgetting_rate,
+            "threads": self.threads,
+            "seed": self.seed,
+        }
+        for name, value in not_negative.items():
+            if not value >= 0:
+                raise BadInputError(f"{name} is {value}; it must not be negative.")
+        if self.passes < 1:
+            raise BadInputError(f"passes is {self.passes}; at least one is needed.")

@@ -1,0 +1,157 @@
+"""Samples of a made-up walk, and logs as other recorders write them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from massid.log import WalkWriter
+
+START_NS = 1_760_000_000_123_456_789
+STEP_NS = 1_000_000
+ROOT = "pelvis"
+JOINTS = ("l_hip", "l_knee", "r_hip", "r_knee")
+FEET = ("l_foot", "r_foot")
+TYPES = {
+    "/odom": "nav_msgs/msg/Odometry",
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/contact/l_foot": "geometry_msgs/msg/WrenchStamped",
+    "/contact/r_foot": "geometry_msgs/msg/WrenchStamped",
+}
+
+
+@dataclass(frozen=True)
+class Samples:
+    stamps: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    effort: np.ndarray
+    wrenches: dict[str, np.ndarray]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def block(self, start: int, stop: int) -> tuple[Any, ...]:
+        part = slice(start, stop)
+        wrenches = {body: wrench[part] for body, wrench in self.wrenches.items()}
+        return self.stamps[part], self.qpos[part], self.qvel[part], self.effort[part], wrenches
+
+
+def make_samples(n: int, n_joints: int = len(JOINTS), seed: int = 0) -> Samples:
+    rng = np.random.default_rng(seed)
+    qpos = rng.standard_normal((n, 7 + n_joints))
+    qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
+    return Samples(
+        stamps=START_NS + STEP_NS * np.arange(n),
+        qpos=qpos,
+        qvel=rng.standard_normal((n, 6 + n_joints)),
+        effort=50.0 * rng.standard_normal((n, n_joints)),
+        wrenches={body: 300.0 * rng.standard_normal((n, 6)) for body in FEET},
+    )
+
+
+def write_samples(path: Path, samples: Samples, block: int = 100, **options: Any) -> Path:
+    settings = {"root_body": ROOT, "joint_names": JOINTS, "timestep_s": 1e-3, **options}
+    with WalkWriter(path, **settings) as writer:
+        for start in range(0, len(samples), block):
+            writer.append_block(*samples.block(start, start + block))
+    return path
+
+
+class Foreign:
+    """Messages made by another ROS 2 library, to be changed by a test and written by mcap's own writer."""
+
+    def __init__(self, path: Path, samples: Samples) -> None:
+        self.path = path
+        self.store = get_typestore(Stores.ROS2_JAZZY)
+        self.types = dict(TYPES)
+        self.messages: dict[str, list[Any]] = {topic: [] for topic in TYPES}
+        for row in range(len(samples)):
+            self._add(samples, row)
+
+    def make(self, name: str, **fields: Any) -> Any:
+        return self.store.types[name](**fields)
+
+    def _header(self, stamp: int, frame: str) -> Any:
+        time = self.make("builtin_interfaces/msg/Time", sec=stamp // 10**9, nanosec=stamp % 10**9)
+        return self.make("std_msgs/msg/Header", stamp=time, frame_id=frame)
+
+    def _vector(self, values: Sequence[float]) -> Any:
+        return self.make("geometry_msgs/msg/Vector3", **dict(zip("xyz", map(float, values), strict=True)))
+
+    def _add(self, samples: Samples, row: int) -> None:
+        stamp, q, v = int(samples.stamps[row]), samples.qpos[row], samples.qvel[row]
+        pose = self.make(
+            "geometry_msgs/msg/Pose",
+            position=self.make("geometry_msgs/msg/Point", x=float(q[0]), y=float(q[1]), z=float(q[2])),
+            orientation=self.make(
+                "geometry_msgs/msg/Quaternion", w=float(q[3]), x=float(q[4]), y=float(q[5]), z=float(q[6])
+            ),
+        )
+        twist = self.make(
+            "geometry_msgs/msg/Twist", linear=self._vector(v[:3]), angular=self._vector(v[3:6])
+        )
+        covariance = np.zeros(36)
+        self.messages["/odom"].append(
+            self.make(
+                "nav_msgs/msg/Odometry",
+                header=self._header(stamp, "world"),
+                child_frame_id=ROOT,
+                pose=self.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance),
+                twist=self.make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=covariance),
+            )
+        )
+        self.messages["/joint_states"].append(
+            self.make(
+                "sensor_msgs/msg/JointState",
+                header=self._header(stamp, ""),
+                name=list(JOINTS),
+                position=q[7:].copy(),
+                velocity=v[6:].copy(),
+                effort=samples.effort[row].copy(),
+            )
+        )
+        for body, wrench in samples.wrenches.items():
+            self.messages[f"/contact/{body}"].append(
+                self.make(
+                    "geometry_msgs/msg/WrenchStamped",
+                    header=self._header(stamp, body),
+                    wrench=self.make(
+                        "geometry_msgs/msg/Wrench",
+                        force=self._vector(wrench[row, :3]),
+                        torque=self._vector(wrench[row, 3:]),
+                    ),
+                )
+            )
+
+    def set_stamp(self, topic: str, row: int, stamp: int) -> None:
+        time = self.messages[topic][row].header.stamp
+        time.sec, time.nanosec = stamp // 10**9, stamp % 10**9
+
+    def drop(self, topic: str, rows: Iterable[int]) -> None:
+        gone = set(rows)
+        self.messages[topic] = [m for row, m in enumerate(self.messages[topic]) if row not in gone]
+
+    def write(self, *, little_endian: bool = True, schema_encoding: str = "ros2msg", **options: Any) -> Path:
+        """Write topic after topic; `options` are those of mcap's writer."""
+        settings: dict[str, Any] = {"chunk_size": 4096, "compression": CompressionType.LZ4, **options}
+        with self.path.open("wb") as stream:
+            writer = Writer(stream, **settings)
+            writer.start(profile="ros2", library="another recorder")
+            for topic, messages in self.messages.items():
+                name = self.types[topic]
+                text, _ = self.store.generate_msgdef(name, ros_version=2)
+                schema = writer.register_schema(name, schema_encoding, text.encode())
+                channel = writer.register_channel(topic, "cdr", schema)
+                for message in messages:
+                    data = bytes(self.store.serialize_cdr(message, name, little_endian=little_endian))
+                    stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+                    writer.add_message(channel, stamp, data, stamp)
+            writer.finish()
+        return self.path
