@@ -1,0 +1,172 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massid.errors import BadInputError, LogError
+from massid.identify import IdentifyOptions, OnlineIdentifier, Status, identify_offline, identify_online
+from massid.identify.excitation import assess_excitation
+from massid.log.walk import Segment, Walk
+from massid.robot import Robot
+from massid.score import Truth, score, with_score
+from massid.search.guided import SearchOptions
+from tests.conftest import Pushed
+from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
+
+SHORT = IdentifyOptions(dwell_s=0.25)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_online_finds_seven_masses_in_six_windows(seed: int) -> None:
+    robot = make_robot()
+    space = robot.mass_space(LINKS)
+    truth = draw_truth(space, seed, relative_error=0.25)
+    walk = push_about(robot, space, truth, seconds=1.6, seed=seed)
+    result = identify_online(walk, robot, space, replace(SHORT, seed=seed))
+    assert result.status is Status.CONVERGED
+    assert np.linalg.norm(result.estimate - truth) < 1e-6  # kg, from 5.8 kg on noise-free data
+
+
+def test_offline_finds_them_in_one_window_of_data(pushed: Pushed) -> None:
+    result = identify_offline(_cut(pushed.walk, 300), pushed.robot, pushed.space, SHORT)
+    assert result.status is Status.CONVERGED
+    assert np.linalg.norm(result.estimate - pushed.truth) < 1e-6
+
+
+def test_the_papers_direction_gets_closer_in_every_few_windows(pushed: Pushed) -> None:
+    options = replace(SHORT, search=SearchOptions(direction="gradient"))
+    result = identify_online(pushed.walk, pushed.robot, pushed.space, options)
+    errors = [np.linalg.norm(window.estimate - pushed.truth) for window in result.windows]
+    assert errors[-1] < np.linalg.norm(pushed.space.nominal - pushed.truth)
+    assert result.status is Status.NOT_CONVERGED
+
+
+def test_streaming_and_log_agree_and_threads_do_not_matter(pushed: Pushed) -> None:
+    streamed = OnlineIdentifier(
+        pushed.robot, pushed.space, pushed.walk.contact_bodies, pushed.walk.timestep_s, replace(SHORT, threads=1)
+    )
+    for sample in pushed.walk.samples():
+        streamed.push(sample)
+    from_log = identify_online(pushed.walk, pushed.robot, pushed.space, replace(SHORT, threads=2))
+    np.testing.assert_array_equal(streamed.estimate, from_log.estimate)
+
+
+def test_no_window_crosses_a_gap(pushed: Pushed) -> None:
+    """Samples 400..599 are lost: what is left gives the same masses, from windows on either side."""
+    keep = np.r_[0:400, 600:1600]
+    walk = replace(
+        pushed.walk,
+        stamps_ns=pushed.walk.stamps_ns[keep],
+        qpos=pushed.walk.qpos[keep],
+        qvel=pushed.walk.qvel[keep],
+        effort=pushed.walk.effort[keep],
+        wrench=pushed.walk.wrench[keep],
+        segments=(Segment(0, 400), Segment(400, 1400)),
+    )
+    for identify in (identify_online, identify_offline):
+        result = identify(walk, pushed.robot, pushed.space, SHORT)
+        assert np.linalg.norm(result.estimate - pushed.truth) < 1e-6
+
+
+def test_a_robot_at_rest_in_the_air_reveals_nothing() -> None:
+    """Falling freely with locked joints, no link's mass acts on any joint."""
+    robot = make_robot()
+    space = robot.mass_space(LINKS)
+    n = 600
+    time = 0.001 * np.arange(n)
+    qpos = np.zeros((n, robot.model.nq))
+    qpos[:, 3] = 1.0
+    qpos[:, 2] = 10.0 - 0.5 * 9.81 * time * (time + 0.001)
+    qvel = np.zeros((n, robot.model.nv))
+    qvel[:, 2] = -9.81 * time
+    walk = Walk(
+        root_body="torso",
+        joint_names=robot.joint_names,
+        contact_bodies=("l_foot", "r_foot"),
+        stamps_ns=np.arange(n, dtype=np.int64) * 1_000_000,
+        qpos=qpos,
+        qvel=qvel,
+        effort=np.zeros((n, len(robot.joint_names))),
+        wrench=np.zeros((n, 2, 6)),
+        timestep_s=0.001,
+    )
+    result = identify_online(walk, robot, space, SHORT)
+    assert result.status is Status.NOT_IDENTIFIABLE
+    assert not result.excitation.identifiable.any()
+
+
+def test_excitation_names_the_combination_that_cannot_be_told_apart(pushed: Pushed) -> None:
+    space = pushed.robot.mass_space(["l_thigh", "r_thigh", "torso"])
+    only_the_sum = np.outer([1.0, 1.0, 0.0], [1.0, 1.0, 0.0]) + np.diag([0.0, 0.0, 1.0])
+    excitation = assess_excitation(space, 1e3 * only_the_sum, 0.001)
+    assert excitation.identifiable.tolist() == [False, False, True]
+
+
+def test_a_log_shorter_than_a_window_is_refused(pushed: Pushed) -> None:
+    for identify in (identify_online, identify_offline):
+        with pytest.raises(LogError, match="do not fill one dwell window of 0.25 s"):
+            identify(_cut(pushed.walk, 200), pushed.robot, pushed.space, SHORT)
+
+
+def test_too_many_unknowns_for_the_bank(pushed: Pushed) -> None:
+    with pytest.raises(BadInputError, match="A bank of 7 models serves at most 6 unknowns"):
+        identify_online(pushed.walk, pushed.robot, pushed.space, replace(SHORT, bank_size=7))
+
+
+@pytest.mark.parametrize("field", ["bank_size", "dwell_s", "bandwidth_rad_s"])
+def test_options_must_be_positive(field: str) -> None:
+    with pytest.raises(BadInputError, match=f"{field} is 0; it must be positive"):
+        IdentifyOptions(**{field: 0})  # type: ignore[arg-type]
+
+
+def test_json_has_truth_only_when_scored(pushed: Pushed, tmp_path: Path) -> None:
+    result = identify_online(pushed.walk, pushed.robot, pushed.space, SHORT)
+    document = result.to_json()
+    assert "true_kg" not in json.dumps(document)
+    truth = Truth(dict(zip(LINKS, pushed.truth.tolist(), strict=True)))
+    scored = with_score(document, score(result, truth))
+    assert scored["l2_error_kg"] == scored["iterations"][-1]["l2_error_kg"] < 1e-6
+    assert scored["l2_error_initial_kg"] == pytest.approx(np.linalg.norm(pushed.space.nominal - pushed.truth))
+    assert set(scored["links"]["torso"]) == {"nominal_kg", "estimate_kg", "true_kg", "error_kg", "identifiable"}
+    json.dumps(scored, allow_nan=False)
+
+
+def test_a_truth_file_without_the_link_is_named(pushed: Pushed) -> None:
+    result = identify_online(pushed.walk, pushed.robot, pushed.space, SHORT)
+    with pytest.raises(BadInputError, match="no link named 'torso'"):
+        score(result, Truth({"pelvis": 1.0}, "walk.truth.json"))
+
+
+def test_identification_imports_neither_plant_nor_truth() -> None:
+    code = (
+        "import sys, massid.identify\n"
+        "bad = [m for m in sys.modules if m.startswith(('massid.plant', 'massid.score', 'massid.walking', 'dm_control'))]\n"
+        "sys.exit(', '.join(bad) or 0)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_identified_model_explains_the_log(pushed: Pushed, tmp_path: Path) -> None:
+    result = identify_online(pushed.walk, pushed.robot, pushed.space, SHORT)
+    pushed.robot.write_mjcf(pushed.space, result.estimate, tmp_path / "identified.xml")
+    identified = Robot.load(tmp_path / "identified.xml")
+    saved = [identified.nominal_mass_kg(link) for link in LINKS]
+    np.testing.assert_allclose(saved, pushed.truth, rtol=1e-6)
+
+
+def _cut(walk: Walk, n: int) -> Walk:
+    return replace(
+        walk,
+        stamps_ns=walk.stamps_ns[:n],
+        qpos=walk.qpos[:n],
+        qvel=walk.qvel[:n],
+        effort=walk.effort[:n],
+        wrench=walk.wrench[:n],
+        segments=(),
+    )
