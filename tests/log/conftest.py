@@ -4,7 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from log_samples import Foreign, Samples, make_samples, write_samples
+
+from tests.log.samples import Foreign, Samples, make_samples, write_samples
 
 
 @pytest.fixture

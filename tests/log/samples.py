@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 from mcap.writer import CompressionType, Writer
+from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.typesys import Stores, get_typestore
 
-from massid.log import WalkWriter
+from massid.log import Walk, WalkWriter
 
 START_NS = 1_760_000_000_123_456_789
 STEP_NS = 1_000_000
+ROTATION_ROUNDING_M_S = 1e-14  # the base velocity is rotated into the body and back: a few roundings
 ROOT = "pelvis"
 JOINTS = ("l_hip", "l_knee", "r_hip", "r_knee")
 FEET = ("l_foot", "r_foot")
@@ -56,6 +58,24 @@ def make_samples(n: int, n_joints: int = len(JOINTS), seed: int = 0) -> Samples:
     )
 
 
+def assert_same(walk: Walk, samples: Samples, rows: slice | np.ndarray = slice(None)) -> None:
+    """The walk holds exactly these rows of the samples."""
+    assert_array_equal(walk.stamps_ns, samples.stamps[rows])
+    assert_array_equal(walk.qpos, samples.qpos[rows])
+    assert_array_equal(walk.effort, samples.effort[rows])
+    assert_array_equal(walk.qvel[:, 3:], samples.qvel[rows, 3:])
+    assert_allclose(walk.qvel[:, :3], samples.qvel[rows, :3], rtol=0, atol=ROTATION_ROUNDING_M_S)
+    for column, body in enumerate(walk.contact_bodies):
+        assert_array_equal(walk.wrench[:, column], samples.wrenches[body][rows])
+
+
+def rotation(wxyz: np.ndarray) -> np.ndarray:
+    """Rotation matrix from the body to the world."""
+    w, x, y, z = wxyz
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + 2 * w * skew + 2 * skew @ skew
+
+
 def write_samples(path: Path, samples: Samples, block: int = 100, **options: Any) -> Path:
     settings = {"root_body": ROOT, "joint_names": JOINTS, "timestep_s": 1e-3, **options}
     with WalkWriter(path, **settings) as writer:
@@ -75,8 +95,8 @@ class Foreign:
         for row in range(len(samples)):
             self._add(samples, row)
 
-    def make(self, name: str, **fields: Any) -> Any:
-        return self.store.types[name](**fields)
+    def make(self, message_type: str, /, **fields: Any) -> Any:
+        return self.store.types[message_type](**fields)
 
     def _header(self, stamp: int, frame: str) -> Any:
         time = self.make("builtin_interfaces/msg/Time", sec=stamp // 10**9, nanosec=stamp % 10**9)
@@ -87,6 +107,7 @@ class Foreign:
 
     def _add(self, samples: Samples, row: int) -> None:
         stamp, q, v = int(samples.stamps[row]), samples.qpos[row], samples.qvel[row]
+        body_velocity = rotation(q[3:7]).T @ v[:3]
         pose = self.make(
             "geometry_msgs/msg/Pose",
             position=self.make("geometry_msgs/msg/Point", x=float(q[0]), y=float(q[1]), z=float(q[2])),
@@ -94,9 +115,7 @@ class Foreign:
                 "geometry_msgs/msg/Quaternion", w=float(q[3]), x=float(q[4]), y=float(q[5]), z=float(q[6])
             ),
         )
-        twist = self.make(
-            "geometry_msgs/msg/Twist", linear=self._vector(v[:3]), angular=self._vector(v[3:6])
-        )
+        twist = self.make("geometry_msgs/msg/Twist", linear=self._vector(body_velocity), angular=self._vector(v[3:6]))
         covariance = np.zeros(36)
         self.messages["/odom"].append(
             self.make(

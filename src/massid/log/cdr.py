@@ -1,7 +1,7 @@
 """ROS 2 messages as bytes (CDR): where each field of a message lies, found from the message definition.
 
-All messages of a topic share one byte layout as long as their strings and array lengths stay the same. That layout
-is traced once, on one message; thousands of messages are then read or written as one NumPy record array.
+All messages of a topic share one byte layout as long as their strings and array lengths stay the same. That
+layout is traced once, on one message; thousands of messages are then read or written as one NumPy record array.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class CdrError(ValueError):
 
 @dataclass(frozen=True)
 class Field:
-    """One field of a message: its type, and how many there are (None: one, -1: a sequence, else a fixed array)."""
+    """One field of a message: its type, and how many (None: one, -1: a sequence, else an array of that length)."""
 
     name: str
     type: str
@@ -59,7 +59,7 @@ class Schema:
 
 @dataclass(frozen=True)
 class Leaf:
-    """A number, or an array of numbers, inside a message: byte offset, NumPy type, and length (None: a scalar)."""
+    """A number or an array of numbers in a message: byte offset, NumPy type, and length (None: a scalar)."""
 
     offset: int
     dtype: str

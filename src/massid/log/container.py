@@ -1,12 +1,12 @@
-"""Walk through an MCAP file from front to back, check every checksum, and keep what is sound of a damaged one."""
+"""Walk through an MCAP file from front to back, check every checksum, keep what is sound of a damaged one."""
 
 from __future__ import annotations
 
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
@@ -16,24 +16,27 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Metadata, MessageIndex, Schema
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, MessageIndex, Metadata, Schema
 
 from massid.errors import LogError
+from massid.log.files import MAGIC, check_is_mcap
 
-MAGIC = b"\x89MCAP0\r\n"
-_FOOTER_BYTES = 1 + 8 + 20
-_RECORD = struct.Struct("<BQ")
-_MESSAGE = struct.Struct("<BQH")
-_MESSAGE_HEADER = 22
-_DAMAGE = (McapError, struct.error, UnicodeDecodeError, ValueError, RuntimeError, MemoryError, OverflowError)
+_RECORD = struct.Struct("<BQ")  # opcode, length
+_MESSAGE = struct.Struct("<BQH")  # opcode, length, channel
+_PAYLOAD = _RECORD.size + 22  # where a message's data begins in its record
+_FOOTER = struct.Struct("<BQQQI")  # opcode, length, summary start, summary offset start, checksum
+_DATA_END_BYTES = 4
+_INDEX_HEAD, _INDEX_ENTRY = _RECORD.size + 6, 16
+_DAMAGE = (
+    McapError,
+    zstandard.ZstdError,
+    struct.error,
+    ValueError,
+    RuntimeError,
+    MemoryError,
+    OverflowError,
+)
 _BATCH = 1024
-_OTHER_FORMATS = {
-    b"SQLite format 3": "a rosbag2 SQLite file: convert it with `ros2 bag convert`",
-    b"#ROSBAG V2.0": "a ROS 1 bag: convert it to MCAP with `mcap convert`",
-    b"\x28\xb5\x2f\xfd": "a zstd-compressed file: decompress it first",
-    b"\x1f\x8b": "a gzip-compressed file: decompress it first",
-    b"PK\x03\x04": "a zip or NumPy .npz archive",
-}
 
 
 @dataclass(frozen=True)
@@ -47,19 +50,19 @@ class TopicInfo:
     schema_text: str
 
 
-@dataclass
+@dataclass(frozen=True)
 class Contents:
-    """What a file was found to hold; filled while it is read.
+    """What a file was found to hold besides the messages that were handed over.
 
     Attributes:
         topics: every topic by name.
         metadata: metadata records by name; of records with one name later keys replace earlier ones.
-        warnings: damage and loss, one line each.
+        warnings: damage and loss, one line each, without the name of the file.
     """
 
-    topics: dict[str, TopicInfo] = field(default_factory=dict)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
+    topics: Mapping[str, TopicInfo]
+    metadata: Mapping[str, Mapping[str, str]]
+    warnings: tuple[str, ...]
 
 
 def read_messages(
@@ -81,36 +84,21 @@ def read_messages(
     check_is_mcap(path)
     try:
         with path.open("rb") as stream:
-            return _Scan(path, stream, uses, receive).run()
+            scan = _Scan(stream, path.stat().st_size, uses, receive)
+            scan.run()
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}.") from error
+    topics = {info.topic: info for info in scan.channels.values()}
+    return Contents(topics, scan.metadata, (*scan.warnings, *scan.losses()))
 
 
-def check_is_mcap(path: Path) -> None:
-    """Raise a LogError that names what was found unless `path` is a file that begins as MCAP does."""
-    if path.is_dir():
-        logs = sorted(entry.name for entry in path.glob("*.mcap"))
-        inside = f"it holds {', '.join(logs)}" if logs else "it holds no .mcap file"
-        raise LogError(f"{path}: is a folder, expected an MCAP file; {inside}.")
-    if not path.exists():
-        near = sorted(entry.name for entry in path.parent.glob("*.mcap*")) if path.parent.is_dir() else []
-        there = f"{path.parent} has {', '.join(near)}" if near else f"{path.parent} has no MCAP file"
-        raise LogError(f"{path}: does not exist; {there}.")
-    try:
-        with path.open("rb") as stream:
-            start = stream.read(24)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}.") from error
-    if start.startswith(MAGIC):
-        return
-    if not start:
-        raise LogError(f"{path}: is empty, expected an MCAP file.")
-    for magic, name in _OTHER_FORMATS.items():
-        if start.startswith(magic):
-            raise LogError(f"{path}: is not MCAP but {name}.")
-    printable = start.decode("latin-1").isprintable() or start.decode("latin-1").split("\n")[0].isprintable()
-    shown = repr(start.decode("latin-1").splitlines()[0]) if printable else f"the bytes {start[:8].hex(' ')}"
-    raise LogError(f"{path}: is not an MCAP file; it begins with {shown}, expected {MAGIC.hex(' ')}.")
+@dataclass
+class _Damage:
+    """A part of the file that cannot be used, and the messages in it by channel if an index tells."""
+
+    position: int
+    reason: str
+    lost: Counter[int] | None = None
 
 
 class _Scan:
@@ -118,176 +106,244 @@ class _Scan:
 
     def __init__(
         self,
-        path: Path,
         stream: IO[bytes],
+        size: int,
         uses: Callable[[str], bool],
         receive: Callable[[TopicInfo, list[bytes]], None],
     ) -> None:
-        self.path = path
         self.stream = stream
-        self.size = path.stat().st_size
+        self.size = size
         self.uses = uses
         self.receive = receive
-        self.found = Contents()
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, TopicInfo] = {}
-        self.pending: dict[int, list[bytes]] = {}
-        self.orphans: Counter[int] = Counter()  # messages whose channel is not defined (yet)
-        self.lost: Counter[int] = Counter()
-        self.damaged: list[str] = []  # where and why, in the order of the file
-        self.uncounted = 0  # damaged chunks of unknown content
-        self.index: dict[int, ChunkIndex] = {}  # by offset of the chunk
-        self.awaiting_counts = False
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.warnings: list[str] = []
+        self.damages: list[_Damage] = []
+        self.closed = False
+        self.chunks: dict[int, ChunkIndex] = {}  # by position of the chunk
+        self.pending: dict[int, list[bytes]] = {}  # messages to hand over, by channel
+        self.orphans: Counter[int] = Counter()  # messages of channels that nothing defines
 
-    def run(self) -> Contents:
-        self.read_summary()
-        self.walk()
-        for channel in list(self.pending):
+    def run(self) -> None:
+        try:
+            self.read_summary()
+        except _DAMAGE as error:
+            self.warnings.append(f"the index at the end is damaged ({error}); the data is read without it.")
+        uncounted: _Damage | None = None  # the chunk whose message indexes follow next
+        for opcode, position, content in self.records():
+            if opcode == Opcode.CHUNK:
+                uncounted = self.read_chunk(position, content)
+            elif opcode == Opcode.MESSAGE_INDEX:
+                if uncounted is not None:
+                    self.count_from_index(uncounted, content)
+            else:
+                uncounted = None
+                self.read_record(opcode, position, content)
+        for channel in self.pending:
             self.hand_over(channel)
-        self.state_losses()
-        return self.found
-
-    def warn(self, text: str) -> None:
-        self.found.warnings.append(f"{self.path}: {text}")
 
     def read_summary(self) -> None:
-        """Take definitions and chunk positions from the end of the file, if it has a sound one."""
-        self.stream.seek(max(0, self.size - _FOOTER_BYTES - len(MAGIC)))
+        """Take definitions and chunk positions from the end of the file, if it was closed."""
+        self.stream.seek(max(0, self.size - _FOOTER.size - len(MAGIC)))
         tail = self.stream.read()
-        if not tail.endswith(MAGIC) or tail[:9] != _RECORD.pack(Opcode.FOOTER, 20):
+        self.closed = len(tail) == _FOOTER.size + len(MAGIC) and tail.endswith(MAGIC)
+        if not self.closed:
             return
-        start, _, crc = struct.unpack_from("<QQI", tail, 9)
-        if start == 0:
+        opcode, _, start, _, checksum = _FOOTER.unpack_from(tail)
+        if opcode == Opcode.FOOTER and start == 0:
             return
         length = self.size - len(tail) - start
-        if length < 0:
-            self.warn("the index at its end is damaged; the data is read without it.")
-            return
+        if opcode != Opcode.FOOTER or length < 0:
+            raise ValueError("its position is impossible")
         self.stream.seek(start)
         summary = self.stream.read(length)
-        if crc not in (0, zlib.crc32(tail[:25], zlib.crc32(summary))):
-            self.warn("the index at its end is damaged (checksum); the data is read without it.")
-            return
+        if checksum not in (0, zlib.crc32(tail[: _FOOTER.size - 4], zlib.crc32(summary))):
+            raise ValueError("wrong checksum")
         position = 0
-        while position + _RECORD.size <= len(summary):
+        while position < length:
             opcode, size = _RECORD.unpack_from(summary, position)
-            position += _RECORD.size
-            content = summary[position : position + size]
-            position += size
+            content = summary[position + _RECORD.size : position + _RECORD.size + size]
+            position += _RECORD.size + size
             if opcode == Opcode.CHUNK_INDEX:
                 index = _parse(ChunkIndex, content)
-                self.index[index.chunk_start_offset] = index
+                self.chunks[index.chunk_start_offset] = index
             else:
                 self.define(opcode, content)
 
     def records(self) -> Iterator[tuple[int, int, bytes]]:
         """Yield opcode, position and content of each record of the data section.
 
-        A broken length would lead astray: the known chunk positions bring the walk back on its way.
+        A broken length leads astray; the chunk positions that the summary tells bring the walk back.
         """
-        position, checksum, broken = len(MAGIC), zlib.crc32(MAGIC), False
-        chunks = sorted(self.index)
+        position, checksum = len(MAGIC), zlib.crc32(MAGIC)
+        ahead = sorted(self.chunks, reverse=True)
         while True:
+            while ahead and ahead[-1] < position:
+                ahead.pop()
             self.stream.seek(position)
             head = self.stream.read(_RECORD.size)
-            while chunks and chunks[0] < position:
-                chunks.pop(0)
             opcode, size = _RECORD.unpack(head) if len(head) == _RECORD.size else (0, self.size)
             end = position + _RECORD.size + size
-            if end > self.size or (chunks and position < chunks[0] < end):
-                if not chunks:
-                    left = self.size - position
-                    self.warn(f"cut off or damaged at byte {position}: the last {left} bytes are lost.")
+            on_chunk = bool(ahead) and ahead[-1] == position
+            if on_chunk:
+                ahead.pop()
+            misplaced = bool(self.chunks) and on_chunk != (opcode == Opcode.CHUNK)
+            misplaced |= opcode == Opcode.DATA_END and size != _DATA_END_BYTES
+            if misplaced or end > self.size or (ahead and end > ahead[-1]):
+                if not self.chunks:
+                    self.warnings.append(
+                        f"not closed or cut off: the file ends at byte {self.size}, {self.size - position} bytes "
+                        "into a record; what should follow is lost."
+                    )
                     return
-                broken = True
-                self.damaged.append(f"at byte {position} a record is broken")
-                self.lose_until(position, chunks[0] + (chunks[0] == position))
-                if chunks[0] == position:
-                    chunks.pop(0)
-                if not chunks:
+                lost = _counts(self.chunks[position]) if on_chunk else Counter()
+                self.damages.append(_Damage(position, "broken record", lost))
+                if not ahead:
                     return
-                position = chunks[0]
+                position = ahead[-1]
                 continue
             content = self.stream.read(size)
             if opcode == Opcode.DATA_END:
+                if not self.closed:
+                    self.warnings.append("the index at the end is cut off; no sample is lost by that.")
                 expected = _parse(DataEnd, content).data_section_crc
-                if expected not in (0, checksum) and not (broken or self.damaged):
-                    self.warn("damaged outside its chunks (checksum): metadata and topic names may be wrong.")
+                if expected not in (0, checksum) and not self.damages:
+                    self.warnings.append("damaged outside its chunks (checksum): metadata may be wrong.")
                 return
             checksum = zlib.crc32(content, zlib.crc32(head, checksum))
             yield opcode, position, content
             position = end
 
-    def lose_until(self, start: int, stop: int) -> None:
-        """Count the messages of the indexed chunks that begin in [start, stop)."""
-        for offset, index in self.index.items():
-            if start <= offset < stop:
-                self.lost.update(_indexed_counts(index))
-
-    def walk(self) -> None:
-        for opcode, position, content in self.records():
-            if opcode == Opcode.CHUNK:
-                self.awaiting_counts = False
-                self.read_chunk(position, content)
-            elif opcode == Opcode.MESSAGE:
-                self.take(struct.unpack_from("<H", content)[0], content[_MESSAGE_HEADER:])
-            elif opcode == Opcode.MESSAGE_INDEX and self.awaiting_counts:
-                self.count_from_index(content)
-            elif opcode == Opcode.METADATA:
-                self.read_metadata(position, content)
-            else:
-                self.try_define(opcode, position, content)
-
-    def read_chunk(self, position: int, content: bytes) -> None:
+    def read_record(self, opcode: int, position: int, content: bytes) -> None:
+        """Take in a record other than a chunk or an index."""
         try:
-            data = _decompress(_parse(Chunk, content))
+            if opcode == Opcode.MESSAGE:
+                self.take(struct.unpack_from("<H", content)[0], content[_PAYLOAD - _RECORD.size :])
+            elif opcode == Opcode.METADATA:
+                record = _parse(Metadata, content)
+                self.metadata.setdefault(record.name, {}).update(record.metadata)
+            else:
+                self.define(opcode, content)
         except _DAMAGE as error:
-            self.damaged.append(f"at byte {position}: {error}")
-            if position in self.index:
-                self.lost.update(_indexed_counts(self.index[position]))
-            else:
-                self.awaiting_counts = True
-                self.uncounted += 1
-            return
-        at, end = 0, len(data)
-        unpack, pending = _MESSAGE.unpack_from, self.pending
-        while at + _RECORD.size < end:
-            if data[at] == Opcode.MESSAGE:
-                _, size, channel = unpack(data, at)
-                stop = at + _RECORD.size + size
-                try:
-                    pending[channel].append(data[at + _RECORD.size + _MESSAGE_HEADER : stop])
-                except KeyError:
-                    self.take(channel, data[at + _RECORD.size + _MESSAGE_HEADER : stop])
-            else:
-                opcode, size = _RECORD.unpack_from(data, at)
-                stop = at + _RECORD.size + size
-                self.try_define(opcode, position, data[at + _RECORD.size : stop])
-            at = stop
-        for channel, messages in pending.items():
+            self.damages.append(_Damage(position, f"unreadable record: {error}", Counter()))
+
+    def define(self, opcode: int, content: bytes) -> None:
+        """Remember a schema or a channel; the first definition stays, and a sound summary is read first."""
+        if opcode == Opcode.SCHEMA:
+            schema = _parse(Schema, content)
+            self.schemas.setdefault(schema.id, schema)
+        elif opcode == Opcode.CHANNEL:
+            channel = _parse(Channel, content)
+            known = self.schemas.get(channel.schema_id, Schema(id=0, data=b"", encoding="", name="unknown"))
+            text = known.data.decode("utf-8", errors="replace")
+            info = TopicInfo(channel.topic, known.name, channel.message_encoding, known.encoding, text)
+            self.channels.setdefault(channel.id, info)
+
+    def read_chunk(self, position: int, content: bytes) -> _Damage | None:
+        """Take the messages of a chunk; return the damage if its loss is still to be counted."""
+        try:
+            self.split_chunk(_decompress(_parse(Chunk, content)), position)
+        except _DAMAGE as error:
+            index = self.chunks.get(position)
+            damage = _Damage(position, str(error), _counts(index) if index else None)
+            self.damages.append(damage)
+            return None if index else damage
+        for channel, messages in self.pending.items():
             if len(messages) >= _BATCH:
                 self.hand_over(channel)
+        return None
 
-    def count_from_index(self, content: bytes) -> None:
-        try:
-            index = _parse(MessageIndex, content)
-        except _DAMAGE:
-            return
-        if self.damaged and not self.damaged[-1].endswith(" "):
-            self.damaged[-1] += " "  # counted once
-            self.uncounted -= 1
-        self.lost[index.channel_id] += len(index.records)
+    def split_chunk(self, data: bytes, position: int) -> None:
+        at, end, pending = 0, len(data), self.pending
+        while at + _MESSAGE.size <= end:
+            opcode, size, channel = _MESSAGE.unpack_from(data, at)
+            stop = at + _RECORD.size + size
+            if stop > end:
+                raise ValueError(f"a record runs past the end of the chunk by {stop - end} bytes")
+            if opcode != Opcode.MESSAGE:
+                self.read_record(opcode, position, data[at + _RECORD.size : stop])
+            elif channel in pending:
+                pending[channel].append(data[at + _PAYLOAD : stop])
+            else:
+                self.take(channel, data[at + _PAYLOAD : stop])
+            at = stop
 
     def take(self, channel: int, message: bytes) -> None:
+        """Keep a message if its topic is in use."""
         info = self.channels.get(channel)
         if info is None:
             self.orphans[channel] += 1
         elif self.uses(info.topic):
-            self.pending.setdefault(channel, []).append(message)
-            if len(self.pending[channel]) >= _BATCH:
+            messages = self.pending.setdefault(channel, [])
+            messages.append(message)
+            if len(messages) >= _BATCH:
                 self.hand_over(channel)
 
     def hand_over(self, channel: int) -> None:
         messages, self.pending[channel] = self.pending[channel], []
         if messages:
             self.receive(self.channels[channel], messages)
+
+    def count_from_index(self, damage: _Damage, content: bytes) -> None:
+        try:
+            index = _parse(MessageIndex, content)
+        except _DAMAGE:
+            return
+        damage.lost = damage.lost or Counter()
+        damage.lost[index.channel_id] += len(index.records)
+
+    def losses(self) -> Iterator[str]:
+        """State what was lost: where, and how many samples of each topic in use."""
+        for damage in self.damages:
+            extent = " with an unknown number of messages" if damage.lost is None else ""
+            yield f"damaged at byte {damage.position}{extent}: {damage.reason}."
+        lost: Counter[str] = Counter()
+        for damage in self.damages:
+            for channel, count in (damage.lost or {}).items():
+                if channel in self.channels and self.uses(self.channels[channel].topic):
+                    lost[self.channels[channel].topic] += count
+        for topic, count in lost.items():
+            yield f"{topic}: {count} samples lost in damaged parts of the file."
+        for channel, count in self.orphans.items():
+            yield f"channel {channel}: {count} samples lost, because nothing defines the channel."
+
+
+def _parse(record: Any, content: bytes) -> Any:
+    return record.read(ReadDataStream(BytesIO(content)))
+
+
+def _counts(index: ChunkIndex) -> Counter[int]:
+    """Count the messages of a chunk by channel, from where its message indexes lie."""
+    by_offset = sorted((offset, channel) for channel, offset in index.message_index_offsets.items())
+    ends = [offset for offset, _ in by_offset[1:]]
+    ends.append(index.chunk_start_offset + index.chunk_length + index.message_index_length)
+    return Counter(
+        {
+            channel: (end - offset - _INDEX_HEAD) // _INDEX_ENTRY
+            for (offset, channel), end in zip(by_offset, ends, strict=True)
+        }
+    )
+
+
+def _decompress(chunk: Chunk) -> bytes:
+    """Return the records of a chunk.
+
+    Raises:
+        ValueError: unknown compression, wrong length or wrong checksum; or what the decompressor raises.
+    """
+    data: bytes = chunk.data
+    if chunk.compression == "zstd":
+        declared = zstandard.get_frame_parameters(data).content_size
+        if declared not in (chunk.uncompressed_size, zstandard.CONTENTSIZE_UNKNOWN):
+            raise ValueError(f"chunk of {declared} bytes, expected {chunk.uncompressed_size}")
+        data = zstandard.ZstdDecompressor().decompress(data, max_output_size=chunk.uncompressed_size)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.decompress(data)
+    elif chunk.compression:
+        raise ValueError(f"unknown compression '{chunk.compression}'")
+    if len(data) != chunk.uncompressed_size:
+        raise ValueError(f"chunk of {len(data)} bytes, expected {chunk.uncompressed_size}")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError("wrong checksum")
+    return data

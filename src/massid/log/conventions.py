@@ -1,4 +1,4 @@
-"""The one place where ROS conventions and MuJoCo's meet: quaternion order and the frame of the base velocity."""
+"""Where ROS conventions and MuJoCo's meet: quaternion order and the frame of the base velocity."""
 
 from __future__ import annotations
 

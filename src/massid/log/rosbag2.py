@@ -1,4 +1,4 @@
-"""What rosbag2 adds to an MCAP file, so that `ros2 bag info` and `ros2 bag play` take a walk log as their own."""
+"""What rosbag2 adds to an MCAP file, so that `ros2 bag info` and `ros2 bag play` take a walk log as theirs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ROS 2 message definitions that a walk log embeds, so that any tool can decode it without ROS installed."""
+"""The ROS 2 message definitions that a walk log embeds, so that any tool can decode it without ROS."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ TYPE_HASHES: dict[str, str] = {
 
 
 def definition_text(message_type: str) -> str:
-    """Return the definition of a message and of all messages in it, concatenated as MCAP's `ros2msg` wants it.
+    """Return the definition of a message and of all messages in it, concatenated as `ros2msg` wants it.
 
     Args:
-        message_type: full name, such as `nav_msgs/msg/Odometry`; one of the three types that a walk log holds.
+        message_type: full name, such as `nav_msgs/msg/Odometry`; one of the types of a walk log.
     """
     root = message_type.replace("/msg/", "/")
     parts = [_DEFINITIONS[root]]

@@ -27,6 +27,25 @@ class Segment:
 
 
 @dataclass(frozen=True)
+class Sample:
+    """One sample of a walk, as a live stream delivers it; the rows are those of `Walk`.
+
+    Attributes:
+        stamp_ns: time [ns].
+        qpos: shape (7 + n_j,).
+        qvel: shape (6 + n_j,).
+        effort: shape (n_j,).
+        wrench: shape (n_c, 6).
+    """
+
+    stamp_ns: int
+    qpos: FloatArray
+    qvel: FloatArray
+    effort: FloatArray
+    wrench: FloatArray
+
+
+@dataclass(frozen=True)
 class Walk:
     """Joint states, joint torques and contact wrenches of one walk.
 
@@ -95,6 +114,12 @@ class Walk:
     def time_s(self) -> FloatArray:
         """Seconds since the first sample, shape (n_samples,)."""
         return np.asarray((self.stamps_ns - self.stamps_ns[0]) * 1e-9, dtype=np.float64)
+
+    def samples(self) -> Iterator[Sample]:
+        """Yield the samples one by one, as a robot would."""
+        for segment in self.segments:
+            for k in range(segment.start, segment.stop):
+                yield Sample(int(self.stamps_ns[k]), self.qpos[k], self.qvel[k], self.effort[k], self.wrench[k])
 
     def windows(self, dwell_s: float) -> Iterator[Segment]:
         """Yield dwell windows of equal length, none of which crosses a gap; a shorter rest is left out.

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from log_samples import FEET, JOINTS, ROOT, START_NS, STEP_NS, make_samples, write_samples
 from mcap.reader import make_reader
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
@@ -22,20 +21,19 @@ from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
 from massid.errors import LogError
-from massid.log import Segment, Walk, WalkWriter, read_walk
-
-# The base's linear velocity is rotated into the body and back: a few roundings of numbers of order 1.
-ROTATION_ROUNDING = 1e-14
-
-
-def assert_same(walk: Walk, samples, rows=slice(None)) -> None:
-    assert_array_equal(walk.stamps_ns, samples.stamps[rows])
-    assert_array_equal(walk.qpos, samples.qpos[rows])
-    assert_array_equal(walk.effort, samples.effort[rows])
-    assert_array_equal(walk.qvel[:, 3:], samples.qvel[rows, 3:])
-    assert_allclose(walk.qvel[:, :3], samples.qvel[rows, :3], rtol=0, atol=ROTATION_ROUNDING)
-    for column, body in enumerate(walk.contact_bodies):
-        assert_array_equal(walk.wrench[:, column], samples.wrenches[body][rows])
+from massid.log import Segment, WalkWriter, read_walk
+from tests.log.samples import (
+    FEET,
+    JOINTS,
+    ROOT,
+    ROTATION_ROUNDING_M_S,
+    START_NS,
+    STEP_NS,
+    assert_same,
+    make_samples,
+    rotation,
+    write_samples,
+)
 
 
 def test_round_trip_is_exact(log, samples):
@@ -69,16 +67,15 @@ def test_any_small_log_round_trips(data, tmp_path_factory):
     assert walk.joint_names == tuple(names)
 
 
-def test_single_samples_and_blocks_write_the_same_file(tmp_path, samples):
-    whole = write_samples(tmp_path / "whole.mcap", samples, block=1000)
-    with WalkWriter(tmp_path / "single.mcap", root_body=ROOT, joint_names=JOINTS, timestep_s=1e-3) as writer:
+def test_single_samples_and_blocks_write_the_same_bytes(tmp_path, log, samples):
+    path = tmp_path / "single" / log.name
+    path.parent.mkdir()
+    with WalkWriter(path, root_body=ROOT, joint_names=JOINTS, timestep_s=1e-3) as writer:
         for k in range(len(samples)):
             wrenches = {body: wrench[k] for body, wrench in samples.wrenches.items()}
             stamp = int(samples.stamps[k])
             writer.append(stamp, samples.qpos[k], samples.qvel[k], samples.effort[k], wrenches)
-    single = (tmp_path / "single.mcap").read_bytes()
-    assert single == whole.read_bytes().replace(b"whole.mcap", b"single.mcap") or len(single) > 0
-    assert_same(read_walk(tmp_path / "single.mcap"), samples)
+    assert path.read_bytes() == log.read_bytes()
 
 
 def test_arrays_of_a_read_walk_are_read_only(log):
@@ -131,6 +128,22 @@ def test_metadata_comes_back(tmp_path, samples):
     assert walk.metadata == {**metadata, "root_body": ROOT, "timestep_s": "0.001", "end": "complete"}
 
 
+@pytest.mark.parametrize("rate_hz", [300, 500, 1000, 4096])
+def test_the_timestep_is_that_of_the_stamps(tmp_path, samples, rate_hz):
+    samples.stamps[:] = START_NS + np.arange(len(samples)) * 10**9 // rate_hz
+    walk = read_walk(write_samples(tmp_path / "walk.mcap", samples, timestep_s=1 / rate_hz))
+    assert walk.warnings == ()
+    assert walk.timestep_s == pytest.approx(1 / rate_hz, rel=0, abs=1e-9)  # stamps are whole nanoseconds
+    assert len(walk.segments) == 1
+
+
+def test_a_recorder_that_states_another_timestep_is_doubted(tmp_path, samples):
+    path = write_samples(tmp_path / "walk.mcap", samples, timestep_s=2e-3)
+    walk = read_walk(path)
+    assert walk.timestep_s == 1e-3
+    assert walk.warnings == (f"{path}: the recorder states a timestep of 0.002 s, the stamps give 0.001 s.",)
+
+
 def test_another_ros_library_decodes_equal_values(log, samples):
     topics: dict[str, list] = {}
     with AnyReader([log]) as reader:
@@ -153,9 +166,8 @@ def test_another_ros_library_decodes_equal_values(log, samples):
         assert_array_equal([p.x, p.y, p.z, q.w, q.x, q.y, q.z], samples.qpos[k, :7])
         w, v = message.twist.twist.angular, message.twist.twist.linear
         assert_array_equal([w.x, w.y, w.z], samples.qvel[k, 3:6])
-        rotation = _rotation(samples.qpos[k, 3:7])
-        world = rotation @ np.array([v.x, v.y, v.z])
-        assert_allclose(world, samples.qvel[k, :3], rtol=0, atol=ROTATION_ROUNDING)
+        world = rotation(samples.qpos[k, 3:7]) @ np.array([v.x, v.y, v.z])
+        assert_allclose(world, samples.qvel[k, :3], rtol=0, atol=ROTATION_ROUNDING_M_S)
         assert not message.pose.covariance.any()
     for body in FEET:
         for k, (_, message) in enumerate(topics[f"/contact/{body}"]):
@@ -164,18 +176,12 @@ def test_another_ros_library_decodes_equal_values(log, samples):
             assert_array_equal([f.x, f.y, f.z, t.x, t.y, t.z], samples.wrenches[body][k])
 
 
-def _rotation(wxyz: np.ndarray) -> np.ndarray:
-    w, x, y, z = wxyz
-    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + 2 * w * skew + 2 * skew @ skew
-
-
 def test_type_hashes_and_definitions_are_those_of_ros(log):
     with AnyReader([log]) as reader:
         for connection in reader.connections:
-            assert reader.typestore.hash_rihs01(connection.msgtype) == _channel(log, connection.topic)[
-                "topic_type_hash"
-            ]
+            assert (
+                reader.typestore.hash_rihs01(connection.msgtype) == _channel(log, connection.topic)["topic_type_hash"]
+            )
             qos = connection.ext.offered_qos_profiles
             assert [profile.reliability.name for profile in qos] == ["RELIABLE"]
 
@@ -246,7 +252,7 @@ def test_the_caller_may_say_why_the_log_ends(tmp_path, samples):
 KILLED = """
 import os, signal, sys
 sys.path.insert(0, sys.argv[1])
-from log_samples import JOINTS, ROOT, make_samples
+from tests.log.samples import JOINTS, ROOT, make_samples
 from massid.log import WalkWriter
 samples = make_samples(1000)
 writer = WalkWriter(sys.argv[2], root_body=ROOT, joint_names=JOINTS, timestep_s=1e-3)
@@ -259,7 +265,7 @@ os.kill(os.getpid(), signal.SIGKILL)
 @pytest.mark.parametrize("written", [400, 777])
 def test_a_killed_writer_loses_less_than_one_chunk(tmp_path, samples, written):
     path = tmp_path / "walk.mcap"
-    command = [sys.executable, "-c", KILLED, os.fspath(Path(__file__).parent), os.fspath(path), str(written)]
+    command = [sys.executable, "-c", KILLED, os.fspath(Path(__file__).parents[2]), os.fspath(path), str(written)]
     killed = subprocess.run(command, check=False)
     assert killed.returncode == -signal.SIGKILL
     assert not path.exists()
@@ -332,9 +338,7 @@ def test_the_writer_refuses_bad_samples_and_keeps_the_good_ones(tmp_path, sample
 )
 def test_the_writer_refuses_bad_options(tmp_path, options, message):
     with pytest.raises(LogError, match=message):
-        WalkWriter(
-            tmp_path / "walk.mcap", **{"root_body": ROOT, "joint_names": JOINTS, "timestep_s": 1e-3, **options}
-        )
+        WalkWriter(tmp_path / "walk.mcap", **{"root_body": ROOT, "joint_names": JOINTS, "timestep_s": 1e-3, **options})
     assert list(tmp_path.iterdir()) == []
 
 
@@ -348,11 +352,7 @@ def test_the_writer_names_a_wrong_shape(tmp_path, samples):
             writer.append_block(stamps, qpos, qvel, effort, {"l_foot": np.zeros((10, 3))})
         with pytest.raises(LogError, match=r"type float64, expected \(n,\) integers"):
             writer.append_block(stamps * 1e-9, qpos, qvel, effort, {})
-    assert len(read_walk_of_nobody(tmp_path)) == 10
-
-
-def read_walk_of_nobody(tmp_path: Path) -> Walk:
-    return read_walk(tmp_path / "walk.mcap")
+    assert len(read_walk(tmp_path / "walk.mcap")) == 10
 
 
 def test_an_empty_recording_leaves_no_file(tmp_path):
@@ -376,5 +376,5 @@ def test_a_closed_writer_takes_no_samples(tmp_path, samples):
 
 
 def test_a_folder_that_does_not_exist_is_named(tmp_path):
-    with pytest.raises(LogError, match="nowhere/walk.mcap.partial: cannot be written: No such file"):
+    with pytest.raises(LogError, match=r"nowhere/walk\.mcap\.partial: cannot be written: No such file"):
         WalkWriter(tmp_path / "nowhere" / "walk.mcap", root_body=ROOT, joint_names=JOINTS, timestep_s=1e-3)

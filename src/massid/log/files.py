@@ -1,0 +1,54 @@
+"""Tell an MCAP file from everything else that a user may name by mistake."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from massid.errors import LogError
+
+MAGIC = b"\x89MCAP0\r\n"
+_OTHER_FORMATS = {
+    b"SQLite format 3": "a rosbag2 SQLite file; convert it with `ros2 bag convert`",
+    b"#ROSBAG V2.0": "a ROS 1 bag; convert it with `rosbags-convert`",
+    b"\x28\xb5\x2f\xfd": "a zstd-compressed file; decompress it first",
+    b"\x1f\x8b": "a gzip-compressed file; decompress it first",
+    b"PK\x03\x04": "a zip or NumPy .npz archive",
+}
+_LISTED = 8
+
+
+def check_is_mcap(path: Path) -> None:
+    """Pass if `path` is a file that begins as MCAP files do.
+
+    Raises:
+        LogError: it does not; the message names what was found instead.
+    """
+    if path.is_dir():
+        raise LogError(f"{path}: is a folder, expected an MCAP file; it has {_mcap_files(path)}.")
+    if not path.exists():
+        raise LogError(f"{path}: does not exist; the folder {path.parent} has {_mcap_files(path.parent)}.")
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(64)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}.") from error
+    if start.startswith(MAGIC):
+        return
+    if not start:
+        raise LogError(f"{path}: is empty, expected an MCAP file.")
+    if MAGIC.startswith(start):
+        raise LogError(f"{path}: is cut off after {len(start)} bytes, within the first mark of an MCAP file.")
+    for magic, name in _OTHER_FORMATS.items():
+        if start.startswith(magic):
+            raise LogError(f"{path}: is not MCAP but {name}.")
+    line = start.decode("latin-1").splitlines()[0]
+    shown = f"the text '{line[:40]}'" if line.isprintable() and line else f"the bytes {start[:8].hex(' ')}"
+    raise LogError(f"{path}: is not an MCAP file; it begins with {shown}.")
+
+
+def _mcap_files(folder: Path) -> str:
+    names = sorted(entry.name for entry in folder.glob("*.mcap*")) if folder.is_dir() else []
+    if not names:
+        return "no MCAP file"
+    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
+    return ", ".join(names[:_LISTED]) + more

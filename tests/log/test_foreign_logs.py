@@ -1,0 +1,279 @@
+"""Logs of other recorders: other encodings are read, and what does not fit is refused by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType
+
+from massid.errors import LogError
+from massid.log import ContactSource, JointSource, OdometrySource, Segment, TopicMap, read_walk
+from tests.log.samples import JOINTS, START_NS, STEP_NS, TYPES, assert_same, make_samples
+
+N = 40
+
+
+@pytest.mark.parametrize("little_endian", [True, False])
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"compression": CompressionType.LZ4},
+        {"compression": CompressionType.ZSTD},
+        {"compression": CompressionType.NONE},
+        {"use_chunking": False},
+        {"enable_crcs": False},
+        {"use_summary_offsets": False, "repeat_channels": False, "repeat_schemas": False},
+    ],
+)
+def test_other_encodings_give_the_same_walk(foreign, options, little_endian):
+    walk = read_walk(foreign(N).write(little_endian=little_endian, **options))
+    assert_same(walk, make_samples(N))
+    assert walk.warnings == ()
+    assert walk.metadata == {}
+    assert walk.timestep_s == 1e-3
+
+
+def test_topics_may_have_other_names(foreign):
+    log = foreign(N)
+    names = {
+        "/odom": "/state/base",
+        "/joint_states": "/state/joints",
+        "/contact/l_foot": "/ft/left",
+        "/contact/r_foot": "/ft/right",
+    }
+    log.messages = {names[topic]: messages for topic, messages in log.messages.items()}
+    log.types = {names[topic]: name for topic, name in TYPES.items()}
+    topics = TopicMap(OdometrySource("/state/base"), JointSource("/state/joints"), ContactSource("/ft/"))
+    walk = read_walk(log.write(), topics)
+    assert_same(walk, make_samples(N))
+    assert walk.contact_bodies == ("l_foot", "r_foot")
+    with pytest.raises(LogError, match=r"no base state: topic /odom is not in the log. Could supply it: /state/base"):
+        read_walk(log.path)
+
+
+def test_joints_are_matched_by_name_though_their_order_changes(foreign):
+    log = foreign(N)
+    for message in log.messages["/joint_states"][11:30:3]:
+        order = [2, 0, 3, 1]
+        message.name = [message.name[k] for k in order]
+        for field in ("position", "velocity", "effort"):
+            setattr(message, field, getattr(message, field)[order])
+    walk = read_walk(log.write())
+    assert_same(walk, make_samples(N))
+    assert walk.joint_names == JOINTS
+
+
+def spoil_value(log):
+    log.messages["/joint_states"][17].effort[2] = np.nan
+
+
+def spoil_wrench(log):
+    log.messages["/contact/r_foot"][5].wrench.torque.y = np.inf
+
+
+def spoil_base(log):
+    log.messages["/odom"][3].twist.twist.angular.z = -np.inf
+
+
+def spoil_quaternion(log):
+    q = log.messages["/odom"][9].pose.pose.orientation
+    q.x = q.y = q.z = q.w = 0.0
+
+
+def spoil_child_frame(log):
+    log.messages["/odom"][9].child_frame_id = "torso"
+
+
+def empty_child_frame(log):
+    for message in log.messages["/odom"]:
+        message.child_frame_id = ""
+
+
+def no_effort(log):
+    for message in log.messages["/joint_states"]:
+        message.effort = np.zeros(0)
+
+
+def no_effort_once(log):
+    log.messages["/joint_states"][7].effort = np.zeros(0)
+
+
+def short_velocity(log):
+    for message in log.messages["/joint_states"]:
+        message.velocity = message.velocity[:3]
+
+
+def no_names(log):
+    for message in log.messages["/joint_states"]:
+        message.name = []
+
+
+def same_name_twice(log):
+    for message in log.messages["/joint_states"]:
+        message.name = ["a", "b", "a", "c"]
+
+
+def other_joints(log):
+    log.messages["/joint_states"][8].name[1] = "l_elbow"
+
+
+def two_topics_of_one_body(log):
+    for message in log.messages["/contact/r_foot"]:
+        message.header.frame_id = "l_foot"
+
+
+def no_joint_states(log):
+    del log.messages["/joint_states"]
+
+
+def no_odometry_messages(log):
+    log.messages["/odom"] = []
+
+
+def no_contacts(log):
+    del log.messages["/contact/l_foot"], log.messages["/contact/r_foot"]
+
+
+def wrong_type(log):
+    log.messages["/odom"] = log.messages["/joint_states"]
+    log.types["/odom"] = TYPES["/joint_states"]
+
+
+def half_rate(log):
+    log.drop("/odom", range(1, N, 2))
+
+
+def other_clock(log):
+    for row in range(N):
+        log.set_stamp("/odom", row, START_NS + row * STEP_NS + 1)
+
+
+def no_stamps(log):
+    for topic in TYPES:
+        for row in range(N):
+            log.set_stamp(topic, row, 0)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (spoil_value, r"/joint_states: sample 17: effort of joint 'r_hip' is nan, expected a finite number"),
+        (spoil_wrench, r"/contact/r_foot: sample 5: wrench.torque.y is inf"),
+        (spoil_base, r"/odom: sample 3: twist.twist.angular.z is -inf"),
+        (spoil_quaternion, r"/odom: sample 9: orientation has norm 0, expected 1 within 0.001"),
+        (spoil_child_frame, r"/odom: child_frame_id changes within the log \('pelvis', 'torso'\)"),
+        (empty_child_frame, r"/odom: child_frame_id is empty, expected the name of the root body"),
+        (no_effort, r"/joint_states: sample 0: effort has 0 values, expected one for each of the 4 joints"),
+        (no_effort_once, r"/joint_states: sample 7: effort has 0 values"),
+        (short_velocity, r"/joint_states: sample 0: velocity has 3 values, expected one for each of the 4"),
+        (no_names, r"/joint_states: sample 0: no joint names"),
+        (same_name_twice, r"/joint_states: sample 0: joint 'a' occurs 2 times"),
+        (other_joints, r"sample 8: the joints differ.*missing: l_knee; new: l_elbow"),
+        (two_topics_of_one_body, r"/contact/l_foot and /contact/r_foot both hold the wrench of body 'l_foot'"),
+        (
+            no_joint_states,
+            r"no joint state: topic /joint_states is not in the log. A topic of sensor_msgs/msg/JointState "
+            r"supplies it. The log has: /odom \(nav_msgs/msg/Odometry\), /contact/l_foot",
+        ),
+        (no_odometry_messages, r"no base state: topic /odom is there but holds no sample"),
+        (no_contacts, r"no contact wrench: no topic below /contact/ holds samples.*WrenchStamped supplies it"),
+        (wrong_type, r"topic /odom \(sensor_msgs/msg/JointState\) has no field 'pose.pose.position.x'; the fields"),
+        (half_rate, r"different rates \(/odom 500 Hz, /joint_states 1000 Hz"),
+        (other_clock, r"only 0 stamps are shared by all topics \(samples: /odom 40"),
+        (no_stamps, r"/odom holds 1 usable samples, expected at least 2 \(39 samples repeat the stamp"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_name(foreign, spoil, message):
+    log = foreign(N)
+    spoil(log)
+    with pytest.raises(LogError, match=message) as caught:
+        read_walk(log.write())
+    assert str(caught.value).startswith(str(log.path))
+    assert "\n" not in str(caught.value)
+
+
+def test_another_schema_language_is_refused(foreign):
+    with pytest.raises(LogError, match="topic /odom has a schema in 'ros2idl', expected 'ros2msg'"):
+        read_walk(foreign(N).write(schema_encoding="ros2idl"))
+
+
+def test_a_quaternion_that_is_slightly_off_is_normalised_and_said(foreign):
+    log = foreign(N)
+    q = log.messages["/odom"][9].pose.pose.orientation
+    q.x, q.y, q.z, q.w = (1.0005 * value for value in (q.x, q.y, q.z, q.w))
+    walk = read_walk(log.write())
+    assert walk.warnings == (f"{log.path}: /odom: 1 quaternions are off unit norm by up to 0.0005; normalised.",)
+    # normalising undoes the scaling up to rounding
+    np.testing.assert_allclose(walk.qpos[9], make_samples(N).qpos[9], rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(np.delete(walk.qpos, 9, 0), np.delete(make_samples(N).qpos, 9, 0))
+
+
+def test_samples_missing_on_one_topic_are_left_out_and_counted(foreign):
+    log = foreign(N)
+    log.drop("/contact/l_foot", [20, 21])
+    walk = read_walk(log.write())
+    assert_same(walk, make_samples(N), np.delete(np.arange(N), [20, 21]))
+    assert walk.segments == (Segment(0, 20), Segment(20, 38))
+    assert walk.warnings == (
+        f"{log.path}: /contact/l_foot: no sample for 2 of 40 stamps, the first 0.0200 s after the start; "
+        "these stamps are left out.",
+        f"{log.path}: 1 gaps longer than 1.5 sample periods, the first of 0.0030 s after sample 19.",
+    )
+
+
+def test_a_gap_makes_segments(foreign):
+    log = foreign(N)
+    for topic in TYPES:
+        log.drop(topic, range(10, 20))
+    walk = read_walk(log.write())
+    assert_same(walk, make_samples(N), np.delete(np.arange(N), slice(10, 20)))
+    assert walk.segments == (Segment(0, 10), Segment(10, 30))
+    assert walk.duration_s == pytest.approx(30e-3)
+
+
+def test_repeated_samples_are_left_out_and_counted(foreign):
+    log = foreign(N)
+    for topic in TYPES:
+        log.messages[topic].insert(13, log.messages[topic][12])
+    walk = read_walk(log.write())
+    assert_same(walk, make_samples(N))
+    assert walk.segments == (Segment(0, N),)
+    assert f"{log.path}: /odom: 1 samples repeat the stamp before them, first sample 13; left out." in walk.warnings
+
+
+def test_one_wild_stamp_costs_one_sample(foreign):
+    for wild in (START_NS + 10**12, START_NS - 10**12):
+        log = foreign(N)
+        for topic in TYPES:
+            log.set_stamp(topic, 13, wild)
+        walk = read_walk(log.write())
+        assert_same(walk, make_samples(N), np.delete(np.arange(N), 13))
+        assert walk.segments == (Segment(0, 13), Segment(13, N - 1))
+        assert any("/odom: stamps jump back 1 times" in line for line in walk.warnings)
+
+
+def test_a_clock_set_back_cuts_the_walk(foreign):
+    log = foreign(N)
+    for topic in TYPES:
+        for row in range(20, N):
+            log.set_stamp(topic, row, START_NS + (row - 5) * STEP_NS)
+    walk = read_walk(log.write())
+    assert len(walk) == N - 5
+    assert (np.diff(walk.stamps_ns) == STEP_NS).all()
+    assert len(walk.segments) == 2
+    assert any("stamps jump back 1 times, first by 0.0040 s at sample 20; 5 samples" in w for w in walk.warnings)
+    # within a segment the samples are neighbours in the file, too
+    original = make_samples(N)
+    for segment in walk.segments:
+        rows = [
+            int(np.flatnonzero((original.qpos == q).all(axis=1))[0]) for q in walk.qpos[segment.start : segment.stop]
+        ]
+        assert (np.diff(rows) == 1).all()
+
+
+def test_a_contact_topic_without_samples_is_said(foreign):
+    log = foreign(N)
+    log.messages["/contact/r_foot"] = []
+    walk = read_walk(log.write())
+    assert walk.contact_bodies == ("l_foot",)
+    assert walk.warnings == (f"{log.path}: /contact/r_foot: holds no sample; taken as no contact topic.",)
