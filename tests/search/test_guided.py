@@ -56,7 +56,7 @@ def test_the_estimate_never_leaves_theta() -> None:
 def test_at_the_border_gauss_newton_finds_the_constrained_minimum() -> None:
     space = make_space(bound=1.0)
     curvature = np.array([[2.0, 0.9, 0.0], [0.9, 1.0, 0.2], [0.0, 0.2, 3.0]])
-    quadratic = LocalQuadratic(np.zeros(3), 10.0, -curvature @ TRUTH, curvature, 0.0, np.ones(3), 100)
+    quadratic = LocalQuadratic(np.zeros(3), 10.0, -curvature @ TRUTH, curvature, 1.0, 0.0, 100)
     point = GaussNewtonDirection().step(quadratic, space)
     grid = np.linspace(-1.0, 1.0, 41)
     candidates = np.array(np.meshgrid(grid, grid, grid)).reshape(3, -1).T
@@ -65,7 +65,7 @@ def test_at_the_border_gauss_newton_finds_the_constrained_minimum() -> None:
 
 def test_gradient_step_minimises_along_the_gradient_and_is_damped_at_the_border() -> None:
     curvature = np.diag([1.0, 4.0, 9.0])
-    quadratic = LocalQuadratic(np.zeros(3), 0.0, np.array([1.0, 1.0, 1.0]), curvature, 0.0, np.ones(3), 1)
+    quadratic = LocalQuadratic(np.zeros(3), 0.0, np.array([1.0, 1.0, 1.0]), curvature, 1.0, 0.0, 1)
     inside = GradientDirection().step(quadratic, make_space())
     np.testing.assert_allclose(inside, -3.0 / 14.0 * np.ones(3))
     tight = GradientDirection().step(quadratic, make_space(bound=0.1))

@@ -62,7 +62,7 @@ class InertiaShapedInjection:
     """
 
     model: mujoco.MjModel
-    bandwidth_rad_s: float = 20.0
+    bandwidth_rad_s: float = 60.0
     damping_ratio: float = 1.0
     position_weight: float = 1.0
     velocity_weight: float = 1.0

@@ -133,7 +133,7 @@ class Monitoring:
             value=float(moments[0, 0]),
             gradient=2.0 * moments[1:, 0],
             curvature=2.0 * moments[1:, 1:],
+            explained=float(np.einsum("ij,jk,ik->i", offsets, moments[1:, 1:], offsets).mean()),
             misfit=float(max(unexplained.mean(), 0.0)),
-            spread=spread,
             samples=self.samples,
         )

@@ -18,8 +18,8 @@ class LocalQuadratic:
         value: mu at the centre.
         gradient: shape (n_p,).
         curvature: Gauss-Newton Hessian, positive semidefinite, shape (n_p, n_p). (Remark 3's Q is half of it.)
-        misfit: mean of the samples' scores that an affine output error does not explain.
-        spread: root mean square offset of the samples, per coordinate, shape (n_p,).
+        explained: mean over the samples of |J d|^2, what they change in the output error as far as it is affine.
+        misfit: mean over the samples of the squared rest.
         samples: number of scalar output errors behind it.
     """
 
@@ -27,8 +27,8 @@ class LocalQuadratic:
     value: float
     gradient: FloatArray
     curvature: FloatArray
+    explained: float
     misfit: float
-    spread: FloatArray
     samples: int
 
     def at(self, point: FloatArray) -> float:
@@ -52,6 +52,7 @@ class LocalQuadratic:
             value=factor * self.value,
             gradient=factor * self.gradient,
             curvature=factor * self.curvature,
+            explained=factor * self.explained,
             misfit=factor * self.misfit,
         )
 
@@ -63,18 +64,10 @@ class LocalQuadratic:
             value=self.value + moved.value,
             gradient=self.gradient + moved.gradient,
             curvature=self.curvature + moved.curvature,
+            explained=self.explained + moved.explained,
             misfit=self.misfit + moved.misfit,
             samples=self.samples + moved.samples,
         )
-
-    @property
-    def damping(self) -> FloatArray:
-        """Curvature that the misfit puts in doubt, per coordinate, shape (n_p,).
-
-        An error of the affine picture of size sqrt(misfit) at an offset of one spread is an uncertainty of the
-        Jacobian of sqrt(misfit) / spread; it adds this much to the expected mu of a step d: sum(damping d^2) / 2.
-        """
-        return 2.0 * self.misfit / self.spread**2
 
     @property
     def lipschitz(self) -> float:

@@ -139,7 +139,7 @@ def torque_limits(model: mujoco.MjModel) -> FloatArray:
     """Largest torque of each joint dof [N m or N], shape (nv - 6,): the smaller of control and force range."""
     limits = np.zeros(model.nv)
     for actuator in range(model.nu):
-        if model.actuator_trntype[actuator] != mujoco.mjtTrn.mjTRN_JOINT:
+        if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             continue
         dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
         gain = abs(model.actuator_gainprm[actuator, 0])
@@ -158,11 +158,11 @@ def natural_frequency(com_height_m: float) -> float:
 
 
 def _root_body(model: mujoco.MjModel) -> int:
-    types = model.jnt_type
-    if model.njnt == 0 or types[0] != mujoco.mjtJoint.mjJNT_FREE:
+    one_axis = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    if model.njnt == 0 or int(model.jnt_type[0]) != int(mujoco.mjtJoint.mjJNT_FREE):
         raise ModelError("A walking robot's first joint must be a free joint; this model's is not.")
     for joint in range(1, model.njnt):
-        if types[joint] not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+        if int(model.jnt_type[joint]) not in one_axis:
             raise ModelError(f"Joint '{model.joint(joint).name}' is neither a hinge nor a slide.")
     return int(model.jnt_bodyid[0])
 
@@ -182,7 +182,7 @@ def _colliding_geoms(model: mujoco.MjModel, body: int) -> list[int]:
 
 def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> FloatArray:
     """World positions of points that bound the geom, shape (n, 3)."""
-    if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_SPHERE:
+    if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_SPHERE):
         points: FloatArray = data.geom_xpos[geom] - np.array([[0.0, 0.0, model.geom_size[geom, 0]]])
         return points
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])

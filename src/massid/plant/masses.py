@@ -1,0 +1,160 @@
+"""Hidden mass errors: what the simulated robot weighs and nobody but the score may know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from massid.errors import BadInputError
+from massid.parameters import ParameterSpace
+from massid.robot import Robot
+from massid.typing import FloatArray
+
+SEVEN_LINKS = ("torso", "l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot")
+"""The links that the paper identifies (Section V-D)."""
+
+LARGEST_DEFAULT_NORM_KG = 6.0
+"""The paper's initial error; robots whose links weigh less than four times as much get a quarter of their norm."""
+
+_DRAWS = 100
+_BISECTIONS = 200
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class HiddenMasses:
+    """True minus nominal mass of some links.
+
+    Attributes:
+        error_kg: by link; the other links weigh what the model file says.
+    """
+
+    error_kg: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def norm_kg(self) -> float:
+        """L2 norm of the errors [kg]."""
+        return float(np.linalg.norm(list(self.error_kg.values())))
+
+    def true_kg(self, robot: Robot) -> dict[str, float]:
+        """True mass of every link [kg].
+
+        Raises:
+            ModelError: a name is not a link with a mass.
+            BadInputError: a true mass lies outside Theta.
+        """
+        masses = {link: robot.nominal_mass_kg(link) for link in robot.links}
+        for parameter in self._space(robot).parameters if self.error_kg else ():
+            link = parameter.target
+            mass_kg = masses[link] + self.error_kg[link]
+            masses[link] = float(np.clip(mass_kg, parameter.lower, parameter.upper))
+            if abs(mass_kg - masses[link]) > _ROUNDING * parameter.nominal:
+                raise BadInputError(
+                    f"A mass error of {self.error_kg[link]:+g} kg on '{link}' makes it {mass_kg:.4g} kg, outside "
+                    f"[{parameter.lower:.4g}, {parameter.upper:.4g}] kg (0.3 to 2.5 times its nominal mass)."
+                )
+        return masses
+
+    def true_model(self, robot: Robot) -> mujoco.MjModel:
+        """Compile the robot with its true masses; inertias scale with them, centres of mass stay.
+
+        Raises:
+            ModelError: a name is not a link with a mass.
+            BadInputError: a true mass lies outside Theta.
+        """
+        masses = self.true_kg(robot)
+        if not self.error_kg:
+            return robot.spec.copy().compile()
+        space = self._space(robot)
+        return robot.model_at(space, np.array([masses[parameter.target] for parameter in space.parameters]))
+
+    def _space(self, robot: Robot) -> ParameterSpace:
+        return robot.mass_space(self.error_kg)
+
+
+@dataclass(frozen=True)
+class MassErrors:
+    """Mass errors to draw: in a random direction, of a given length.
+
+    Attributes:
+        links: links that get an error; empty for torso, thighs, calves and feet if the robot names its links so,
+            else for its seven heaviest links.
+        norm_kg: L2 norm of the errors [kg]; None for 6 kg or, if that is less, a quarter of the norm of the links'
+            masses.
+    """
+
+    links: tuple[str, ...] = ()
+    norm_kg: float | None = None
+
+    def draw(self, robot: Robot, rng: np.random.Generator) -> HiddenMasses:
+        """Draw errors that keep every link in Theta and have exactly the norm asked for.
+
+        Raises:
+            ModelError: a name is not a link with a mass.
+            BadInputError: the norm is negative, or larger than Theta allows.
+        """
+        space = robot.mass_space(self.links or default_links(robot))
+        norm_kg = default_norm_kg(space) if self.norm_kg is None else self.norm_kg
+        if not norm_kg >= 0.0:
+            raise BadInputError(f"The norm of the mass errors is {norm_kg} kg; it must not be negative.")
+        errors = _draw(space, norm_kg, rng)
+        links = [parameter.target for parameter in space.parameters]
+        return HiddenMasses(dict(zip(links, errors.tolist(), strict=True)))
+
+
+def default_links(robot: Robot) -> tuple[str, ...]:
+    """Torso, thighs, calves and feet if the robot names its links so, else its seven heaviest links in model order."""
+    if set(SEVEN_LINKS) <= set(robot.links):
+        return SEVEN_LINKS
+    heaviest = sorted(robot.links, key=robot.nominal_mass_kg, reverse=True)[: len(SEVEN_LINKS)]
+    return tuple(link for link in robot.links if link in heaviest)
+
+
+def default_norm_kg(space: ParameterSpace) -> float:
+    """6 kg or, if that is less, a quarter of the norm of the nominal masses [kg]."""
+    return min(LARGEST_DEFAULT_NORM_KG, float(np.linalg.norm(space.nominal)) / 4.0)
+
+
+def _draw(space: ParameterSpace, norm_kg: float, rng: np.random.Generator) -> FloatArray:
+    """Draw a point of Theta at a given distance from the nominal one; returns the difference, shape (n_p,)."""
+    lower, upper = space.lower - space.nominal, space.upper - space.nominal
+    largest = float(np.linalg.norm(np.maximum(-lower, upper)))
+    if norm_kg > largest:
+        links = ", ".join(parameter.target for parameter in space.parameters)
+        raise BadInputError(
+            f"Mass errors of norm {norm_kg:g} kg do not fit into 0.3 to 2.5 times the nominal masses of {links}: at most "
+            f"{largest:.4g} kg."
+        )
+    for _ in range(_DRAWS):
+        direction = rng.normal(size=len(space))
+        errors = _stretch(direction, norm_kg, lower, upper)
+        if errors is not None:
+            return errors
+    # Only few directions reach this far: those in which most masses grow.
+    errors = _stretch(np.abs(rng.normal(size=len(space))), norm_kg, lower, upper)
+    return errors if errors is not None else np.where(upper >= -lower, upper, lower) * (norm_kg / largest)
+
+
+def _stretch(direction: FloatArray, norm_kg: float, lower: FloatArray, upper: FloatArray) -> FloatArray | None:
+    """Scale a direction, clipped to the box, until it has the norm; None if the box ends before."""
+
+    def length(scale: float) -> float:
+        return float(np.linalg.norm(np.clip(scale * direction, lower, upper)))
+
+    near, far = 0.0, norm_kg / float(np.linalg.norm(direction))
+    far_limit = float(np.max(np.maximum(-lower, upper) / np.maximum(np.abs(direction), 1e-12)))
+    if length(far_limit) < norm_kg:
+        return None
+    while length(far) < norm_kg:
+        near, far = far, min(2.0 * far, far_limit)
+        if far == far_limit:
+            break
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (near + far)
+        if not near < middle < far:
+            break
+        near, far = (middle, far) if length(middle) < norm_kg else (near, middle)
+    return np.clip(far * direction, lower, upper)

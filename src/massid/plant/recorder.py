@@ -1,0 +1,273 @@
+"""Log every physics step of any dm_control environment with a floating-base robot in it.
+
+The recorder stands between an environment and its physics: each physics step, also each of the several that make one
+control step, is seen with the state before it and the torques and contact forces that acted over it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeAlias
+
+import dm_env
+import mujoco
+import numpy as np
+
+from massid.errors import BadInputError
+from massid.log import WalkWriter
+from massid.plant.backend import PhysicsError
+from massid.plant.contacts import ContactRecorder
+from massid.plant.effort import effort_meter
+from massid.plant.parts import RobotParts
+from massid.typing import AnyArray
+
+START_NS = 1_767_225_600_000_000_000
+"""First stamp of a simulated walk, the start of 2026: the same seed makes the same log."""
+
+COMPLETE, TERMINATED, TRUNCATED, DIVERGED = "complete", "terminated", "truncated", "diverged"
+BLOCK_SAMPLES = 200
+
+Agent: TypeAlias = Callable[[dm_env.TimeStep], AnyArray] | Iterator[AnyArray]
+"""Gives the action for what the environment showed last, or one action after the other."""
+
+Progress: TypeAlias = Callable[[float, str], None]
+"""Called with the fraction done, 0 to 1, and a few words."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What was recorded.
+
+    Attributes:
+        path: the log.
+        samples: physics steps in it.
+        duration_s: time they cover [s].
+        end: "complete"; "terminated" by the task; "truncated" by its time limit or the end of the actions; "diverged".
+        self_contact_samples: samples in which the robot's own links pressed on each other: no wrench shows that.
+    """
+
+    path: Path
+    samples: int
+    duration_s: float
+    end: str
+    self_contact_samples: int
+
+    @property
+    def terminated(self) -> bool:
+        """Whether the task ended the episode: the robot fell, say."""
+        return self.end == TERMINATED
+
+
+class _MetadataWriter(WalkWriter):
+    """A writer that takes metadata which is known only at the end."""
+
+    def annotate(self, key: str, value: str) -> None:
+        self._metadata = {**self._metadata, key: value}
+
+
+class StepRecorder:
+    """Sees the physics steps of one episode and writes them, block by block, until it has enough.
+
+    Args:
+        physics: of the environment, after its reset.
+        writer: open log.
+        parts: the robot in it.
+        samples: how many physics steps to log; what comes later passes unseen.
+        start_ns: first stamp since the Unix epoch [ns].
+        progress: told after every block.
+    """
+
+    def __init__(
+        self,
+        physics: Any,
+        writer: WalkWriter,
+        parts: RobotParts,
+        samples: int,
+        start_ns: int = START_NS,
+        progress: Progress | None = None,
+    ) -> None:
+        self._physics, self._writer, self._parts = physics, writer, parts
+        self._model: mujoco.MjModel = physics.model.ptr
+        self._data: mujoco.MjData = physics.data.ptr
+        self._wanted, self._start_ns, self._progress = samples, start_ns, progress
+        self._timestep_s = float(self._model.opt.timestep)
+        self._effort_meter = effort_meter(self._model)
+        self._contacts = ContactRecorder(self._model, parts, BLOCK_SAMPLES)
+        self._qpos = np.zeros((BLOCK_SAMPLES, self._model.nq))
+        self._qvel = np.zeros((BLOCK_SAMPLES, self._model.nv))
+        self._effort = np.zeros((BLOCK_SAMPLES, self._model.nv))
+        self._filled = 0
+        self._stages = int(self._model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
+        self._instant = mujoco.MjData(self._model) if self._stages else self._data
+        self._state = np.empty(mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_INTEGRATION))
+        self.samples = 0
+        self.self_contact_samples = 0
+
+    @property
+    def full(self) -> bool:
+        """Whether all samples were seen."""
+        return self.samples + self._filled >= self._wanted
+
+    def __enter__(self) -> Self:
+        self._step = self._physics.step
+        self._physics.step = self._step_and_record
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        del self._physics.step
+        self._flush()
+
+    def _step_and_record(self, nstep: int = 1) -> None:
+        for _ in range(nstep):
+            if self.full:
+                self._step(1)
+            else:
+                self._record_step()
+
+    def _record_step(self) -> None:
+        physics, data, k = self._physics, self._data, self._filled
+        self._qpos[k], self._qvel[k] = data.qpos, data.qvel
+        self._effort_meter.before(data)
+        if self._stages:
+            self._evaluate_first_stage()
+        # Legacy steps end by preparing the next one: contacts of the new state beside forces of the old. So step without
+        # that end, read, and make it up afterwards.
+        legacy = physics.legacy_step
+        physics.legacy_step = False
+        try:
+            self._step(1)
+        finally:
+            physics.legacy_step = legacy
+        self._effort[k] = self._effort_meter.after(self._instant)
+        self._contacts.take(k, self._instant)
+        if legacy:
+            mujoco.mj_step1(self._model, data)
+        self._filled += 1
+        if self._filled == BLOCK_SAMPLES:
+            self._flush()
+
+    def _evaluate_first_stage(self) -> None:
+        """Runge-Kutta evaluates forces four times; the log has those at the state before the step."""
+        what = mujoco.mjtState.mjSTATE_INTEGRATION
+        mujoco.mj_getState(self._model, self._data, self._state, what)
+        mujoco.mj_setState(self._model, self._instant, self._state, what)
+        mujoco.mj_forward(self._model, self._instant)
+
+    def _flush(self) -> None:
+        n = self._filled
+        if n == 0:
+            return
+        self._filled = 0
+        parts, qpos, qvel = self._parts, self._qpos[:n], self._qvel[:n]
+        acted = self._contacts.finish(n)
+        times_s = np.arange(self.samples, self.samples + n) * self._timestep_s
+        self._writer.append_block(
+            self._start_ns + np.rint(times_s * 1e9).astype(np.int64),
+            parts.log_qpos(qpos),
+            parts.log_qvel(qpos, qvel),
+            self._effort[:n, parts.joint_dof],
+            acted.wrench,
+        )
+        self.samples += n
+        self.self_contact_samples += int(acted.self_contact.sum())
+        if self._progress is not None:
+            self._progress(self.samples / self._wanted, f"{self.samples * self._timestep_s:.1f} s recorded")
+
+
+def record(
+    environment: dm_env.Environment,
+    agent: Agent,
+    path: Path | str,
+    duration_s: float,
+    *,
+    metadata: Mapping[str, str] | None = None,
+    root_body: str | None = None,
+    contact_bodies: Sequence[str] = (),
+    terminated: str = TERMINATED,
+    start_ns: int = START_NS,
+    progress: Progress | None = None,
+) -> Recording:
+    """Record one episode of an environment.
+
+    Works with `dm_control.composer` and `dm_control.rl.control` environments (the suite). The environment is reset
+    first; the recording ends with the episode if that is shorter. A log exists also after an error, with its reason.
+
+    Args:
+        environment: with a robot that floats in it.
+        agent: takes the last `TimeStep` and gives the next action; or an iterator over actions.
+        path: the log to write, NAME.mcap; replaced if it exists.
+        duration_s: how long to record [s].
+        metadata: what made the log; integrator, engine and sensor noise ("none") are added.
+        root_body: the robot's floating base; None for the floating body with the most joints.
+        contact_bodies: bodies that have a wrench topic even if nothing touches them.
+        terminated: what the log says when the task ends the episode, such as "fell".
+        start_ns: first stamp since the Unix epoch [ns].
+        progress: told where the recording stands.
+
+    Raises:
+        BadInputError: the duration is shorter than one physics step.
+        ModelError: no robot to record.
+        LogError: the log cannot be written.
+    """
+    timestep = environment.reset()
+    physics: Any = environment.physics
+    model: mujoco.MjModel = physics.model.ptr
+    timestep_s = float(model.opt.timestep)
+    samples = round(duration_s / timestep_s)
+    if samples < 1:
+        raise BadInputError(f"A recording of {duration_s} s is shorter than one physics step of {timestep_s} s.")
+    parts = RobotParts.find(model, root_body)
+    writer = _MetadataWriter(
+        path,
+        root_body=parts.root_body,
+        joint_names=parts.joint_names,
+        timestep_s=timestep_s,
+        contact_bodies=contact_bodies,
+        metadata={**(metadata or {}), **_engine_metadata(model)},
+    )
+    act = agent if callable(agent) else _replayed(agent)
+    with writer:
+        with StepRecorder(physics, writer, parts, samples, start_ns, progress) as recorder:
+            end = COMPLETE
+            while not recorder.full:
+                try:
+                    action = act(timestep)
+                except StopIteration:
+                    end = TRUNCATED
+                    break
+                try:
+                    timestep = environment.step(action)
+                except PhysicsError:
+                    end = DIVERGED
+                    break
+                if timestep.last() and not recorder.full:
+                    end = TERMINATED if timestep.discount == 0.0 else TRUNCATED
+                    break
+        if end != COMPLETE:
+            writer.end_because(terminated if end == TERMINATED else end)
+        writer.annotate("self_contact_samples", str(recorder.self_contact_samples))
+    return Recording(
+        path=writer.path,
+        samples=recorder.samples,
+        duration_s=recorder.samples * timestep_s,
+        end=end,
+        self_contact_samples=recorder.self_contact_samples,
+    )
+
+
+def _replayed(actions: Iterator[AnyArray]) -> Callable[[dm_env.TimeStep], AnyArray]:
+    def act(timestep: dm_env.TimeStep) -> AnyArray:
+        del timestep
+        return next(actions)
+
+    return act
+
+
+def _engine_metadata(model: mujoco.MjModel) -> dict[str, str]:
+    integrator = mujoco.mjtIntegrator(model.opt.integrator).name.removeprefix("mjINT_").lower()
+    return {"engine": f"MuJoCo {mujoco.__version__}", "integrator": integrator, "sensor_noise": "none"}

@@ -1,0 +1,29 @@
+"""What an identification looks like: a Rerun recording, and one picture for people without a viewer.
+
+Nothing heavy is imported until it is used: Rerun and matplotlib load with the first function that needs them.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from massid.view.picture import write_summary_png
+    from massid.view.recording import write_recording
+    from massid.view.viewer import open_viewer, take_screenshot
+
+_HOMES = {
+    "write_recording": "recording",
+    "write_summary_png": "picture",
+    "open_viewer": "viewer",
+    "take_screenshot": "viewer",
+}
+
+__all__ = ["open_viewer", "take_screenshot", "write_recording", "write_summary_png"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,116 @@
+"""Where everything stands in the viewer's window."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from massid.robot import Robot
+from massid.view.motion import Motion
+from massid.view.paths import FORCES, HEADLINE, ITERATION, SCALE, SIM_TIME, TABLE, TARGET, WORLD
+from massid.search.proposal import Role
+from massid.view.span import plot_end_s
+from massid.view.trace import Trace
+
+BACKGROUND = (20, 23, 29)
+CAMERA_DIRECTION = (0.92, -0.81, 0.2)
+
+
+def make_blueprint(trace: Trace, motion: Motion, robot: Robot) -> rrb.Blueprint:
+    """The robot on the left with its table, the curves on the right."""
+    headline = "L2 mass error [kg], log10" if trace.has_truth else "Newton step [kg], log10"
+    legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
+    axis = _plot_axis(trace, motion)
+    error = rrb.TimeSeriesView(
+        origin=f"/{HEADLINE}", name=headline, axis_x=axis, plot_legend=rrb.PlotLegend(visible=False)
+    )
+    masses = rrb.TimeSeriesView(
+        origin="/mass",
+        name="Estimate minus model file [kg]" + ("; thin: truth" if trace.has_truth else ""),
+        axis_x=axis,
+        plot_legend=legend,
+    )
+    models = rrb.TimeSeriesView(
+        origin="/models",
+        name="Score mu of every model, log10",
+        axis_x=axis,
+        axis_y=_score_axis(trace),
+        plot_legend=legend,
+    )
+    forces = rrb.TimeSeriesView(origin=f"/{FORCES}", name="Vertical contact force [N]", axis_x=axis, plot_legend=legend)
+    table = rrb.Horizontal(
+        rrb.TextDocumentView(origin=f"/{TABLE}", name="Masses"),
+        rrb.Spatial2DView(
+            origin=f"/{SCALE}",
+            name="Colour of a link",
+            background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=BACKGROUND),
+            visual_bounds=rrb.VisualBounds2D(x_range=[-30, 190], y_range=[-15, 155]),
+        ),
+        column_shares=[1.9, 1],
+    )
+    curves = (
+        rrb.Vertical(error, masses, models, forces, row_shares=[3, 4, 3, 2.4])
+        if trace.online
+        else rrb.Vertical(error, masses, rrb.Tabs(models, forces), row_shares=[3, 4, 3])
+    )
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(
+                _scene(trace, motion, robot), table, row_shares=[1.0 - _table_share(trace), _table_share(trace)]
+            ),
+            curves,
+            column_shares=[1.1, 1],
+        ),
+        rrb.TopPanel(state="expanded"),
+        rrb.BlueprintPanel(state="hidden"),
+        rrb.SelectionPanel(state="hidden"),
+        rrb.TimePanel(
+            state="collapsed",
+            timeline=SIM_TIME if trace.online else ITERATION,
+            play_state="playing",
+            loop_mode="all",
+            fps=None if trace.online else 1.0,
+        ),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _scene(trace: Trace, motion: Motion, robot: Robot) -> rrb.Spatial3DView:
+    what = "mass error" if trace.has_truth else "distance to the final estimate"
+    size = float(robot.model.stat.extent)
+    target = motion.position[0, robot.model.body(robot.root_body).id]
+    position = target + size * np.array(CAMERA_DIRECTION)
+    return rrb.Spatial3DView(
+        origin=f"/{WORLD}",
+        name=f"{robot.source}: colour shows each link's {what}",
+        background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=BACKGROUND),
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.5, color=[255, 255, 255, 28], stroke_width=1.0),
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, tracking_entity=f"/{TARGET}"
+        ),
+    )
+
+
+def _plot_axis(trace: Trace, motion: Motion) -> rrb.TimeAxis:
+    boundary = rr.TimeRangeBoundary.absolute
+    if trace.online:
+        shown = rr.TimeRange(start=boundary(seconds=0.0), end=boundary(seconds=plot_end_s(trace, motion)))
+    else:
+        shown = rr.TimeRange(start=boundary(seq=0), end=boundary(seq=len(trace.updates) + 1))
+    return rrb.TimeAxis(view_range=shown)
+
+
+def _score_axis(trace: Trace) -> rrb.ScalarAxis | None:
+    scores = [trace.mu(update, role) for update in range(len(trace.updates)) for role in Role]
+    values = np.log10(np.concatenate(scores)) if scores else np.empty(0)
+    if not len(values):
+        return None
+    margin = 0.5 + 0.06 * float(np.ptp(values))
+    return rrb.ScalarAxis(range=(float(values.min()) - margin, float(values.max()) + margin))
+
+
+def _table_share(trace: Trace) -> float:
+    """Share of the window's height that lets the whole table be read, at most half of it."""
+    return min(0.5, 0.1 + 0.0265 * (1 + len(trace.links)))

@@ -1,0 +1,42 @@
+"""Names of what is in a recording: entities and timelines."""
+
+from __future__ import annotations
+
+import rerun as rr
+
+from massid.search.proposal import Role
+
+APPLICATION = "massid"
+SIM_TIME = "sim_time"
+ITERATION = "iteration"
+WORLD = "world"
+TARGET = "world/camera_target"
+HEADLINE = "headline"
+FORCES = "contact"
+TABLE = "table"
+SCALE = "colour_scale"
+
+
+def body_path(name: str) -> str:
+    """Pose of a body."""
+    return str(rr.new_entity_path([WORLD, "robot", name]))
+
+
+def estimate_path(link: str) -> str:
+    """Change of a link's estimate against the model file."""
+    return str(rr.new_entity_path(["mass", "estimate", link]))
+
+
+def truth_path(link: str) -> str:
+    """True change of a link's mass against the model file."""
+    return str(rr.new_entity_path(["mass", "true", link]))
+
+
+def contact_path(name: str) -> str:
+    """Vertical force on a contact body."""
+    return str(rr.new_entity_path([FORCES, name]))
+
+
+def models_path(role: Role) -> str:
+    """Scores of the models with a role."""
+    return f"models/{role}"
