@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import os
 import sys
 from collections.abc import Sequence
-from typing import Annotated, TypeAlias
+from importlib.metadata import version
+from typing import Annotated, Any, Protocol, Union, cast
 
 import tyro
 
@@ -16,32 +18,29 @@ from massid.cli.record import Record
 from massid.cli.view import View
 from massid.errors import MassidError
 
-Command: TypeAlias = (
-    Annotated[Demo, tyro.conf.subcommand("demo")]
-    | Annotated[Record, tyro.conf.subcommand("record")]
-    | Annotated[Identify, tyro.conf.subcommand("identify")]
-    | Annotated[View, tyro.conf.subcommand("view")]
-    | Annotated[Links, tyro.conf.subcommand("links")]
-)
-
 DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
 
 Exit codes: 0 good, 2 bad input, 3 not identifiable, 4 fell or did not converge."""
 
+COMMANDS = (Demo, Record, Identify, View, Links)
 INTERRUPTED = 130
+
+
+class Command(Protocol):
+    """One subcommand: a dataclass of its arguments."""
+
+    def run(self) -> int:
+        """Do it; returns the exit code."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    command = tyro.cli(
-        Command,  # type: ignore[arg-type]  # tyro takes unions, which have no runtime type of their own
-        prog="massid",
-        description=DESCRIPTION,
-        args=arguments,
-        config=(tyro.conf.FlagConversionOff, tyro.conf.HelptextFromCommentsOff),
-    )
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
-        return command.run()
+        if arguments == ["--version"]:
+            sys.stdout.write(f"massid {version('massid')}\n")
+            return 0
+        return _parse(arguments).run()
     except MassidError as error:
         sys.stderr.write(f"massid: error: {error}\n")
         return error.exit_code
@@ -49,6 +48,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write("massid: interrupted\n")
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader of our output went away (for example `massid links atlas | head -1`).
+        # The reader of our output went away, as in `massid links atlas | head -1`.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _parse(arguments: Sequence[str]) -> Command:
+    """Build the command that the arguments describe; ends the program with code 2 when they describe none."""
+    described: list[Any] = [
+        Annotated[
+            command, tyro.conf.subcommand(command.__name__.lower(), description=inspect.cleandoc(command.__doc__ or ""))
+        ]
+        for command in COMMANDS
+    ]
+    union: Any = Union[tuple(described)]  # noqa: UP007  # built at run time
+    parsed = tyro.cli(
+        union, prog="massid", description=DESCRIPTION, args=arguments, config=(tyro.conf.OmitArgPrefixes,)
+    )
+    return cast("Command", parsed)

@@ -44,15 +44,13 @@ def result_table(result: Result, scored: Score | None) -> Table:
     """The table that every identification ends with: link, nominal, estimate and, with the truth, its error."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("link")
-    table.add_column("nominal [kg]", justify="right")
-    table.add_column("estimate [kg]", justify="right")
+    table.add_column(r"nominal \[kg]", justify="right")
+    table.add_column(r"estimate \[kg]", justify="right")
     if scored:
-        table.add_column("true [kg]", justify="right")
-        table.add_column("error [kg]", justify="right")
+        table.add_column(r"true \[kg]", justify="right")
+        table.add_column(r"error \[kg]", justify="right")
     nominal = result.nominal_kg
-    for (link, estimate), identifiable in zip(
-        result.estimate_kg.items(), result.excitation.identifiable, strict=True
-    ):
+    for (link, estimate), identifiable in zip(result.estimate_kg.items(), result.excitation.identifiable, strict=True):
         row = [link, f"{nominal[link]:.3f}", f"{estimate:.4f}" if identifiable else "not identifiable"]
         if scored:
             row += [f"{scored.true_kg[link]:.4f}", f"{scored.error_kg[link]:+.1e}" if identifiable else "-"]

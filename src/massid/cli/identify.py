@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import tyro
 
 from massid.assets import find_model_by_hash, resolve_model
+from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel
 from massid.errors import BadInputError, LogError
 from massid.identify.options import IdentifyOptions
 from massid.identify.result import Result, Status
@@ -30,23 +31,23 @@ class Identify:
 
     log: tyro.conf.Positional[Path]
     """MCAP log of a walk."""
-    model: str | None = None
+    model: OptionalModel = None
     """MJCF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
-    links: str | None = None
+    links: OptionalLinks = None
     """Links to weigh, separated by commas; default torso, thighs, calves and feet."""
     mode: Literal["online", "offline"] = "online"
     """online sees every dwell window once; offline replays the log and sums over all windows."""
-    truth: Path | None = None
+    truth: OptionalFile = None
     """NAME.truth.json of a simulated walk: adds true masses and errors to what is printed, nothing else."""
-    json: Path | None = None
+    json: OptionalFile = None
     """Write the result as JSON."""
-    save_model: Path | None = None
+    save_model: OptionalFile = None
     """Write the robot's MJCF with the identified masses and inertias."""
-    rerun: Path | None = None
+    rerun: OptionalFile = None
     """Write a Rerun recording of the walk and of the search."""
-    png: Path | None = None
+    png: OptionalFile = None
     """Write a picture that sums up the search."""
-    options: Annotated[IdentifyOptions, tyro.conf.arg(name="")] = field(default_factory=IdentifyOptions)
+    options: IdentifyOptions = field(default_factory=IdentifyOptions)
 
     def run(self) -> int:
         """Identify, print the table, write what was asked for."""
@@ -117,7 +118,9 @@ class Identify:
             result.space.parameters, result.excitation.identifiable, result.excitation.reference_std, strict=True
         )
         hidden = ", ".join(
-            f"{parameter.target} (+-{deviation:.2g} kg)" for parameter, identifiable, deviation in rows if not identifiable
+            f"{parameter.target} (+-{deviation:.2g} kg)"
+            for parameter, identifiable, deviation in rows
+            if not identifiable
         )
         return (
             f"this walk does not reveal {hidden}: with ordinary encoders the mass would not even be known to half of its "

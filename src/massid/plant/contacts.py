@@ -1,7 +1,7 @@
 """Contact forces of physics steps, read where they acted and summed into one wrench per body.
 
-All reading happens right after a step that evaluated the forces (`mj_step`, or `mj_forward`): contacts, constraint forces
-and body frames then belong to the state before the step. Later they do not.
+All reading happens right after a step that evaluated the forces (`mj_step`, or `mj_forward`): contacts, constraint
+forces and body frames then belong to the state before the step. Later they do not.
 """
 
 from __future__ import annotations
@@ -127,7 +127,6 @@ class LoadCells:
         forces = contact_forces(self._model, data)
         upward = (contact.frame[:, 2::3] * forces[:, :3]).sum(axis=1)
         cells = self._cell_of_geom[contact.geom]
-        on_second = np.bincount(cells[:, 1], upward, self._count + 1)
-        on_first = np.bincount(cells[:, 0], upward, self._count + 1)
-        loads: FloatArray = (on_second - on_first)[:-1]
-        return loads
+        on_second: FloatArray = np.bincount(cells[:, 1], upward, self._count + 1)
+        on_first: FloatArray = np.bincount(cells[:, 0], upward, self._count + 1)
+        return (on_second - on_first)[:-1]

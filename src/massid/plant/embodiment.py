@@ -70,6 +70,10 @@ def motorised(robot: Robot) -> Robot:
             continue
         motor = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
         motor.set_to_motor()
+        # Whatever the file's default actuator says about gears and limits does not hold for this motor.
+        motor.gear = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+        motor.forcelimited = motor.actlimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        motor.ctrllimited = motor.forcelimited
         if np.isfinite(limit):
             motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
             motor.ctrlrange = np.array([-limit, limit])

@@ -51,8 +51,9 @@ class StayUp(composer.Task):  # type: ignore[misc]
         self._floor = Floor()
         self._humanoid = humanoid
         humanoid.place(self._floor.add_free_entity(humanoid))
-        self._initial_qpos = np.array(humanoid.robot.model.qpos0 if initial_qpos is None else initial_qpos)
+        self._initial_qpos: FloatArray = np.array(humanoid.robot.model.qpos0 if initial_qpos is None else initial_qpos)
         self._options = options
+        self._height, self._uprightness = 1.0, 1.0
         timestep_s = float(humanoid.robot.model.opt.timestep)
         steps = max(1, int(options.control_period_s / timestep_s + 1e-9))
         self.set_timesteps(control_timestep=steps * timestep_s, physics_timestep=timestep_s)
@@ -94,7 +95,7 @@ class StayUp(composer.Task):  # type: ignore[misc]
 
     def _assess(self, physics: Any) -> None:
         """Take the root's height relative to the initial one, and the cosine of its lean."""
-        z, _, x, y = physics.data.qpos[2:6].tolist()
+        z, _, x, y = map(float, physics.data.qpos[2:6])
         self._height = z / float(self._initial_qpos[2])
         self._uprightness = 1.0 - 2.0 * (x * x + y * y)
 
@@ -117,8 +118,8 @@ def make_environment(
         time_limit_s: longest episode [s].
 
     Returns:
-        A `dm_control.composer.Environment`. Actions are joint torques [N m]; `task.humanoid` is the robot. Physics is
-        stepped without dm_control's legacy order, so forces and contacts in `physics.data` belong to the step just made.
+        A `dm_control.composer.Environment`. Actions are joint torques [N m]; `task.humanoid` is the robot. Physics
+        does without dm_control's legacy order: forces and contacts in `physics.data` belong to the step just made.
 
     Raises:
         ModelError: the robot cannot be simulated, or lacks a name.

@@ -125,8 +125,8 @@ def _draw(space: ParameterSpace, norm_kg: float, rng: np.random.Generator) -> Fl
     if norm_kg > largest:
         links = ", ".join(parameter.target for parameter in space.parameters)
         raise BadInputError(
-            f"Mass errors of norm {norm_kg:g} kg do not fit into 0.3 to 2.5 times the nominal masses of {links}: at most "
-            f"{largest:.4g} kg."
+            f"Mass errors of norm {norm_kg:g} kg do not fit into 0.3 to 2.5 times the nominal masses of {links}: at "
+            f"most {largest:.4g} kg."
         )
     for _ in range(_DRAWS):
         direction = rng.normal(size=len(space))

@@ -77,6 +77,11 @@ class RobotParts:
         body_names = tuple(model.body(b).name.removeprefix(prefix) for b in bodies)
         if "" in joint_names or body_names[bodies.index(root)] == "":
             raise ModelError("Every joint of the robot and its floating base need a name to be recorded.")
+        for body, name in zip(bodies, body_names, strict=True):
+            if not name and (model.body_contype[body] or model.body_conaffinity[body]):
+                raise ModelError(
+                    f"Body {body} of the robot can touch things but has no name to record its wrench under."
+                )
         framed = root != free
         return cls(
             prefix=prefix,

@@ -101,9 +101,7 @@ def _element_rows(
 
 
 def _geoms(model: mujoco.MjModel, parts: RobotParts) -> IntArray:
-    geoms = [
-        np.arange(model.body_geomadr[b], model.body_geomadr[b] + model.body_geomnum[b]) for b in parts.body_ids
-    ]
+    geoms = [np.arange(model.body_geomadr[b], model.body_geomadr[b] + model.body_geomnum[b]) for b in parts.body_ids]
     return np.concatenate(geoms).astype(np.int64)
 
 

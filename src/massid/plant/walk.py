@@ -20,6 +20,7 @@ from massid.typing import FloatArray
 from massid.walking import Gait, Walker, find_gait
 
 FELL = "fell"
+INTERRUPTED = "interrupted"
 
 
 @dataclass(frozen=True)
@@ -104,13 +105,14 @@ def record_walk(
     robot = source if isinstance(source, Robot) else Robot.load(source)
     masses_rng, gait_rng = np.random.default_rng(seed).spawn(2)
     hidden = MassErrors() if hidden is None else hidden
-    given = isinstance(hidden, HiddenMasses)
-    masses = hidden if isinstance(hidden, HiddenMasses) else hidden.draw(robot, masses_rng)
+    drawn = isinstance(hidden, MassErrors)
+    masses = hidden.draw(robot, masses_rng) if isinstance(hidden, MassErrors) else hidden
     walker = Walker(motorised(robot).model, gait, gait_rng)
     environment = make_environment(
         robot, masses, initial_qpos=walker.initial_qpos(), options=PlantOptions(feet=walker.foot_names)
     )
     path = Path(path)
+    before, end = _identity(path), INTERRUPTED
     try:
         recording = record(
             environment,
@@ -122,27 +124,30 @@ def record_walk(
             terminated=FELL,
             progress=progress,
         )
+        end = FELL if recording.terminated else recording.end
     finally:
         environment.close()
-    truth = truth_path(path)
-    details = {
-        "masses_drawn": not given,
-        "gait": gait.name,
-        "duration_s": recording.duration_s,
-        "end": FELL if recording.terminated else recording.end,
-    }
-    write_truth(truth, robot, masses, seed, details)
+        if _identity(path) != before:  # also an interrupted recording leaves a log
+            write_truth(truth_path(path), robot, masses, seed, {"masses_drawn": drawn, "gait": gait.name, "end": end})
     return RecordingReport(
         path=recording.path,
-        truth_path=truth,
+        truth_path=truth_path(path),
         samples=recording.samples,
         duration_s=recording.duration_s,
         fell=recording.terminated,
-        end=details["end"],
+        end=end,
         self_contact_samples=recording.self_contact_samples,
         error_norm_kg=masses.norm_kg,
         failed_solves=walker.failed_solves,
     )
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Tells one version of a file from the next; None if there is none."""
+    if not path.exists():
+        return None
+    status = path.stat()
+    return status.st_ino, status.st_mtime_ns
 
 
 def _fingerprint(source: Robot | str | Path, robot: Robot) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.identify.result import Result
+from massid.identify.result import Result, Status
 from massid.log.walk import Walk
 from massid.robot import Robot
 from massid.score import Score
@@ -78,7 +77,7 @@ def write_summary_png(path: Path, walk: Walk, robot: Robot, result: Result, scor
         figure = Figure(figsize=(WIDTH_IN, height), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
         figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12, hspace=0.03, wspace=0.03)
-        _titles(figure, trace, robot, result, height)
+        _title(figure, trace, robot, result)
         if pictures:
             upper, lower = figure.subfigures(2, 1, height_ratios=[ROBOT_HEIGHT_IN - 0.7, PLOTS_HEIGHT_IN])
             _draw_robot(upper, trace, chosen, pictures)
@@ -113,16 +112,16 @@ def _shots(trace: Trace, motion: Motion, chosen: list[int]) -> list[Shot]:
     return shots
 
 
-def _titles(figure: Any, trace: Trace, robot: Robot, result: Result, height: float) -> None:
-    kind = "windows" if trace.online else "passes over the log"
+def _title(figure: Any, trace: Trace, robot: Robot, result: Result) -> None:
+    count = len(trace.links)
+    outcome = "" if result.status is Status.CONVERGED else f" ({result.status})"
     figure.suptitle(
-        f"{len(trace.links)} link masses of {robot.source}, weighed from {result.log_s:.3g} s of walking",
+        f"{count} link {'mass' if count == 1 else 'masses'} of {robot.source}, weighed from {result.log_s:.3g} s of walking{outcome}",
         x=0.012,
         ha="left",
         fontsize=15,
         fontweight="bold",
     )
-    del height, kind
 
 
 def _draw_robot(figure: Any, trace: Trace, chosen: list[int], pictures: list[Any]) -> None:
@@ -204,7 +203,7 @@ def _draw_masses(axis: Any, trace: Trace, end_s: float) -> None:
     places = _spread(change[-1], LABEL_GAP * (high - low))
     for k, link in enumerate(trace.links):
         axis.annotate(
-            f"{link} {trace.estimate_kg[-1, k]:.2f} kg",
+            _label(trace, k),
             (1.0, change[-1, k]),
             xycoords=("axes fraction", "data"),
             xytext=(1.02, places[k]),
@@ -216,6 +215,12 @@ def _draw_masses(axis: Any, trace: Trace, end_s: float) -> None:
         )
     axis.set_ylabel("estimate − model file [kg]")
     axis.set_title("Each link's mass" + ("; dashed: truth" if trace.has_truth else ""))
+
+
+def _label(trace: Trace, k: int) -> str:
+    if not trace.identifiable[k]:
+        return f"{trace.links[k]} not identifiable"
+    return f"{trace.links[k]} {trace.estimate_kg[-1, k]:.2f} kg"
 
 
 def _spread(values: FloatArray, gap: float) -> FloatArray:
@@ -276,4 +281,3 @@ _ROLE_LABELS: dict[Role, str] = {
     Role.CANDIDATE: "line search",
     Role.CENTRE: "current estimate",
 }
-_Drawer = Callable[[Any, Trace, float], None]

@@ -10,25 +10,30 @@ from massid.view.trace import Trace
 def table_markdown(trace: Trace, update: int, result: Result, score: Score | None) -> str:
     """Markdown for the moment after an update; 0 is before the first one."""
     heading = _moment(trace, update)
-    reference = "true" if score is not None else "final"
-    norm = (
-        f"L2 error **{format_kg(float(trace.l2_error_kg[update]))}**"
-        if score is not None
-        else "no truth known: errors are distances to the final estimate"
-    )
+    if score is None:
+        summary = "no truth is known; distances are to the final estimate"
+        columns = "final [kg] | distance [kg]"
+    else:
+        summary = f"L2 error **{format_kg(float(trace.l2_error_kg[update]))}**"
+        columns = "true [kg] | error [kg]"
     lines = [
-        f"{heading}: {norm}",
+        f"{heading}: {summary}",
         "",
-        f"| link | model file [kg] | estimate [kg] | {reference} [kg] | error [kg] |",
+        f"| link | model file [kg] | estimate [kg] | {columns} |",
         "|:--|--:|--:|--:|--:|",
     ]
-    for k, link in enumerate(trace.links):
-        error = trace.error_kg[update, k]
-        lines.append(
-            f"| {link} | {trace.nominal_kg[k]:.3f} | **{trace.estimate_kg[update, k]:.3f}** "
-            f"| {trace.reference_kg[k]:.3f} | {format_error(error)} |"
-        )
+    lines += [_row(trace, update, k) for k in range(len(trace.links))]
+    if update == len(trace.updates):
+        lines += ["", f"The search ended: {result.status}."]
     return "\n".join(lines)
+
+
+def _row(trace: Trace, update: int, k: int) -> str:
+    error = format_error(float(trace.error_kg[update, k]))
+    return (
+        f"| {trace.links[k]} | {trace.nominal_kg[k]:.3f} | **{trace.estimate_kg[update, k]:.3f}** "
+        f"| {trace.reference_kg[k]:.3f} | {error if trace.identifiable[k] else f'{error} (not identifiable)'} |"
+    )
 
 
 def format_error(error_kg: float) -> str:
@@ -38,7 +43,7 @@ def format_error(error_kg: float) -> str:
 
 def format_kg(mass_kg: float) -> str:
     """A positive mass with a unit."""
-    return f"{mass_kg:.3g} kg" if mass_kg >= 1e-3 else f"{mass_kg:.0e} kg"
+    return f"{mass_kg:#.3g} kg" if mass_kg >= 1e-3 else f"{mass_kg:.0e} kg"
 
 
 def _moment(trace: Trace, update: int) -> str:

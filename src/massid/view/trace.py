@@ -11,7 +11,7 @@ from massid.identify.result import Result, WindowResult
 from massid.parameters import Kind
 from massid.score import Score
 from massid.search.proposal import Role
-from massid.typing import FloatArray, IntArray
+from massid.typing import BoolArray, FloatArray, IntArray
 
 FLOOR_KG = 1e-12
 """Errors below this are rounding; the logarithmic axes end here."""
@@ -30,6 +30,7 @@ class Trace:
         has_truth: which of the two.
         newton_step_kg: norm of the step that each window predicts, shape (n_updates,).
         updates: the windows behind the rows.
+        identifiable: whether the log reveals each link, shape (n_links,).
         mode: "online" or "offline".
         update_time_s: time of each row in the log; offline all updates come at its end, shape (1 + n_updates,).
     """
@@ -39,6 +40,7 @@ class Trace:
     reference_kg: FloatArray
     has_truth: bool
     newton_step_kg: FloatArray
+    identifiable: BoolArray
     updates: tuple[WindowResult, ...]
     mode: str
     update_time_s: FloatArray
@@ -58,6 +60,7 @@ class Trace:
             reference_kg=final if score is None else np.array([score.true_kg[link] for link in links]),
             has_truth=score is not None,
             newton_step_kg=np.linalg.norm(steps, axis=1),
+            identifiable=result.excitation.identifiable[masses],
             updates=result.windows,
             mode=result.mode,
             update_time_s=np.array([0.0, *(window.time_s for window in result.windows)]),

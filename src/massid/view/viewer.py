@@ -11,8 +11,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 from massid.errors import BadInputError, MassidError
+
+SIM_TIME = "sim_time"
 
 MAGIC = b"RRF"
 LOCAL_ONLY = "127.0.0.1"
@@ -20,6 +24,8 @@ LOCAL_ONLY = "127.0.0.1"
 START_TIMEOUT_S = 30.0
 SETTLE_S = 2.0
 """Time for the viewer to draw what it was told."""
+MENU_BAR_PIXELS = 36
+"""Height of the viewer's own menu, which a screenshot leaves out."""
 
 
 def open_viewer(path: Path) -> None:
@@ -62,19 +68,62 @@ def take_screenshot(
         BadInputError: the file does not exist or is not a Rerun recording.
         MassidError: the viewer did not start, or saved nothing.
     """
-    from rerun.experimental import ViewerClient
+    from PIL import Image
 
     check_recording(recording)
-    with _headless_viewer(size) as url:
-        viewer = _connect(url, ViewerClient)
-        viewer.open(str(recording.resolve()))
-        time.sleep(SETTLE_S)
-        if time_s is not None:
-            viewer.set_time("sim_time", duration=time_s, play_state="paused")
+    width, height = size
+    with TemporaryDirectory() as folder:
+        window = Path(folder) / "window.png"
+        with _headless_viewer(width, height + MENU_BAR_PIXELS) as viewer:
+            viewer.open(str(recording.resolve()))
             time.sleep(SETTLE_S)
-        viewer.save_screenshot(str(picture.resolve()))
-    if not picture.is_file():
-        raise MassidError(f"The Rerun viewer did not save {picture}.")
+            if time_s is not None:
+                viewer.set_time(SIM_TIME, duration=time_s)
+            viewer.set_time(play_state="paused")
+            time.sleep(SETTLE_S)
+            viewer.save_screenshot(str(window))
+        try:
+            with Image.open(window) as whole:
+                whole.crop((0, MENU_BAR_PIXELS, width, height + MENU_BAR_PIXELS)).save(picture)
+        except OSError as error:
+            raise MassidError(f"Cannot write the screenshot {picture}: {error}.") from error
+
+
+@contextmanager
+def _headless_viewer(width: int, height: int) -> Iterator[Any]:
+    """A viewer without a window, and the client that steers it; both end with the block."""
+    from rerun.experimental import ViewerClient
+
+    with socket.socket() as probe:
+        probe.bind((LOCAL_ONLY, 0))
+        port = probe.getsockname()[1]
+    command = [_executable(), "--bind", LOCAL_ONLY, "--port", str(port), "--headless", "--hide-welcome-screen"]
+    command += ["--window-size", f"{width}x{height}"]
+    environment = os.environ | {"RERUN_APP_ONLY": "true"}
+    process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield _connect(process, ViewerClient, f"rerun+http://{LOCAL_ONLY}:{port}/proxy")
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def _connect(process: subprocess.Popen[bytes], client: Any, url: str) -> Any:
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while time.monotonic() < deadline:
+        if process.poll() is not None:
+            raise MassidError(
+                f"The Rerun viewer ended with exit code {process.returncode} before it drew anything; it needs a graphics "
+                "driver (without a graphics card: apt-get install mesa-vulkan-drivers libegl1 libgl1)."
+            )
+        try:
+            viewer = client(url)
+            viewer.get_state()
+        except (RuntimeError, ConnectionError, ValueError):
+            time.sleep(0.2)
+        else:
+            return viewer
+    raise MassidError(f"The Rerun viewer did not answer within {START_TIMEOUT_S:.0f} s.")
 
 
 def check_recording(path: Path) -> None:

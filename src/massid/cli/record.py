@@ -1,0 +1,107 @@
+"""massid record: a walk of a simulated robot whose masses are not what its model says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from massid.cli.arguments import MassErrorList, OptionalKg
+from massid.errors import BadInputError, FallError
+
+if TYPE_CHECKING:
+    from massid.plant import HiddenMasses, RecordingReport
+
+
+@dataclass(frozen=True)
+class Record:
+    """Let a simulated robot walk with hidden mass errors, and log it to MCAP.
+
+    The walker knows only the nominal masses. The true ones go into NAME.truth.json beside the log.
+
+    Examples:
+      massid record walk.mcap
+      massid record walk.mcap --robot light --seconds 30 --gait turn --seed 3
+      massid record walk.mcap --mass torso=+4 l_foot=-0.5
+    """
+
+    out: tyro.conf.Positional[Path]
+    """Log to write, NAME.mcap."""
+    robot: str = "atlas"
+    """Shipped robot or MJCF file; an unknown name lists the shipped ones."""
+    seconds: float = 20.0
+    """How long to walk [s]."""
+    gait: str = "random"
+    """How to walk; an unknown name lists all gaits."""
+    mass_error_kg: OptionalKg = None
+    """L2 norm of mass errors in a random direction; default 6 for atlas, a quarter of the links' norm for others."""
+    mass: MassErrorList = ()
+    """Mass errors of your own, LINK=+KG, instead of random ones."""
+    seed: int = 0
+    """Seeds mass errors and gait."""
+
+    def run(self) -> int:
+        """Record, and say where the files are."""
+        from massid.cli.console import say
+
+        report = self.record()
+        say(f"log: {report.path} ({report.duration_s:.1f} s, {report.samples} samples)")
+        say(f"truth: {report.truth_path} (L2 mass error {report.error_norm_kg:.3g} kg)")
+        if report.fell:
+            raise FallError(
+                f"The robot fell after {report.duration_s:.1f} s; the log up to the fall is complete and says so. "
+                "Try another --gait, another --seed or smaller mass errors."
+            )
+        return 0
+
+    def record(self) -> RecordingReport:
+        """Record with a progress bar.
+
+        Raises:
+            BadInputError: something about the arguments is wrong; nothing was recorded.
+        """
+        from massid.assets import resolve_model
+        from massid.cli.console import progress_bar
+        from massid.plant import MassErrors, record_walk
+
+        if self.mass and self.mass_error_kg is not None:
+            raise BadInputError("Give either --mass or --mass-error-kg, not both.")
+        if not self.out.parent.is_dir():
+            raise BadInputError(f"Cannot write {self.out}: the folder {self.out.parent} does not exist.")
+        hidden = parse_masses(self.mass) if self.mass else MassErrors(norm_kg=self.mass_error_kg)
+        with progress_bar("walking") as progress:
+            return record_walk(
+                resolve_model(self.robot),
+                self.out,
+                self.seconds,
+                gait=self.gait,
+                hidden=hidden,
+                seed=self.seed,
+                progress=progress,
+            )
+
+
+def parse_masses(arguments: Sequence[str]) -> HiddenMasses:
+    """Read LINK=+KG arguments.
+
+    Raises:
+        BadInputError: an argument has another form, or names a link twice.
+    """
+    from massid.plant import HiddenMasses
+
+    errors: dict[str, float] = {}
+    for argument in arguments:
+        link, equals, value = argument.partition("=")
+        try:
+            error_kg = float(value)
+        except ValueError:
+            equals = ""
+        if not equals or not link:
+            raise BadInputError(f"--mass {argument}: expected LINK=+KG, for example torso=+4 or l_foot=-0.5.")
+        if link in errors:
+            raise BadInputError(f"--mass names '{link}' twice.")
+        errors[link] = error_kg
+    return HiddenMasses(errors)
