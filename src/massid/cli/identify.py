@@ -107,8 +107,8 @@ class Identify:
         links = robot.walking_links()
         if not links:
             raise BadInputError(
-                f"{robot.source} has no links named like torso, l_thigh, l_calf or l_foot: name the links to weigh with "
-                f"--links. It has: {', '.join(robot.links)}."
+                f"{robot.source} has no links named like torso, l_thigh, l_calf or l_foot: name the links to weigh "
+                f"with --links. It has: {', '.join(robot.links)}."
             )
         return list(links)
 
@@ -117,12 +117,8 @@ class Identify:
         rows = zip(
             result.space.parameters, result.excitation.identifiable, result.excitation.reference_std, strict=True
         )
-        hidden = ", ".join(
-            f"{parameter.target} (+-{deviation:.2g} kg)"
-            for parameter, identifiable, deviation in rows
-            if not identifiable
-        )
+        hidden = ", ".join(f"{parameter.target} (+-{std:.2g} kg)" for parameter, revealed, std in rows if not revealed)
         return (
-            f"this walk does not reveal {hidden}: with ordinary encoders the mass would not even be known to half of its "
-            "nominal value. A longer walk with more motion of these links would help."
+            f"this walk does not reveal {hidden}: with ordinary encoders the mass would not even be known to half of "
+            "its nominal value. A longer walk with more motion of these links would help."
         )

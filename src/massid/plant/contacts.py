@@ -127,6 +127,5 @@ class LoadCells:
         forces = contact_forces(self._model, data)
         upward = (contact.frame[:, 2::3] * forces[:, :3]).sum(axis=1)
         cells = self._cell_of_geom[contact.geom]
-        on_second: FloatArray = np.bincount(cells[:, 1], upward, self._count + 1)
-        on_first: FloatArray = np.bincount(cells[:, 0], upward, self._count + 1)
-        return (on_second - on_first)[:-1]
+        loads = np.bincount(cells[:, 1], upward, self._count + 1) - np.bincount(cells[:, 0], upward, self._count + 1)
+        return np.asarray(loads[:-1], dtype=np.float64)

@@ -135,8 +135,8 @@ class StepRecorder:
         self._effort_meter.before(data)
         if self._stages:
             self._evaluate_first_stage()
-        # Legacy steps end by preparing the next one: contacts of the new state beside forces of the old. So step without
-        # that end, read, and make it up afterwards.
+        # Legacy steps end by preparing the next one: contacts of the new state beside forces of the old. So step
+        # without that end, read, and make it up afterwards.
         legacy = physics.legacy_step
         physics.legacy_step = False
         try:

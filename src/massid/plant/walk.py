@@ -69,7 +69,8 @@ class WalkerAgent:
         seen = {name: timestep.observation[f"{self._prefix}/{name}"] for name in ("qpos", "qvel", "foot_load")}
         torques = self._walker.control(self._steps * self._period_s, seen["qpos"], seen["qvel"], seen["foot_load"])
         self._steps += 1
-        return torques[self._columns]
+        action: FloatArray = torques[self._columns]
+        return action
 
 
 def record_walk(

@@ -7,14 +7,15 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from massid.robot import Robot
-from massid.view.motion import Motion
-from massid.view.paths import FORCES, HEADLINE, ITERATION, SCALE, SIM_TIME, TABLE, TARGET, WORLD
 from massid.search.proposal import Role
+from massid.view.motion import Motion
+from massid.view.names import FORCES, HEADLINE, ITERATION, SCALE, SIM_TIME, TABLE, TARGET, WORLD
 from massid.view.span import plot_end_s
 from massid.view.trace import Trace
 
 BACKGROUND = (20, 23, 29)
-CAMERA_DIRECTION = (0.92, -0.81, 0.2)
+CAMERA_DIRECTION = (1.08, -0.95, 0.23)
+"""From the base to the camera, in heights of the robot."""
 
 
 def make_blueprint(trace: Trace, motion: Motion, robot: Robot) -> rrb.Blueprint:
@@ -79,9 +80,8 @@ def make_blueprint(trace: Trace, motion: Motion, robot: Robot) -> rrb.Blueprint:
 
 def _scene(trace: Trace, motion: Motion, robot: Robot) -> rrb.Spatial3DView:
     what = "mass error" if trace.has_truth else "distance to the final estimate"
-    size = float(robot.model.stat.extent)
     target = motion.position[0, robot.model.body(robot.root_body).id]
-    position = target + size * np.array(CAMERA_DIRECTION)
+    position = target + motion.height_m * np.array(CAMERA_DIRECTION)
     return rrb.Spatial3DView(
         origin=f"/{WORLD}",
         name=f"{robot.source}: colour shows each link's {what}",

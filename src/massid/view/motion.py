@@ -10,7 +10,7 @@ import numpy as np
 from massid.log.walk import Walk
 from massid.robot import Robot
 from massid.typing import FloatArray
-from massid.view.shapes import body_mesh
+from massid.view.shapes import body_mesh, shown_geoms
 
 FRAME_RATE_HZ = 50.0
 LIGHT_CONTACT = 0.02
@@ -30,6 +30,7 @@ class Motion:
         force: in the body's frame [N], shape (n, n_c, 3).
         pressure_point: where the force acts, in the body's frame [m], shape (n, n_c, 3).
         vertical_force: in the world [N], shape (n, n_c).
+        height_m: of the robot in the first frame, from its lowest body to the top of its head.
     """
 
     time_s: FloatArray
@@ -40,6 +41,7 @@ class Motion:
     force: FloatArray
     pressure_point: FloatArray
     vertical_force: FloatArray
+    height_m: float
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -83,7 +85,17 @@ def sample_motion(walk: Walk, robot: Robot, rate_hz: float = FRAME_RATE_HZ) -> M
         force=force,
         pressure_point=np.stack(points, axis=1) if points else np.empty((len(rows), 0, 3)),
         vertical_force=vertical,
+        height_m=_height(robot, qpos[0]),
     )
+
+
+def _height(robot: Robot, qpos: FloatArray) -> float:
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    shown = [geom for body in range(1, model.nbody) for geom in shown_geoms(model, body)]
+    tops = data.geom_xpos[shown, 2] + model.geom_rbound[shown]
+    return float(max(tops, default=1.0) - data.xpos[1:, 2].min())
 
 
 def _pressure_points(model: mujoco.MjModel, body: int, wrench: FloatArray) -> FloatArray:
@@ -109,4 +121,4 @@ def _pressure_points(model: mujoco.MjModel, body: int, wrench: FloatArray) -> Fl
     force, moment = wrench[loaded, :3], wrench[loaded, 3:]
     points[loaded, 0] = (low[2] * force[:, 0] - moment[:, 1]) / force[:, 2]
     points[loaded, 1] = (low[2] * force[:, 1] + moment[:, 0]) / force[:, 2]
-    return np.clip(points, low, high)
+    return np.asarray(np.clip(points, low, high), dtype=np.float64)

@@ -21,7 +21,7 @@ from massid.view.span import plot_end_s
 from massid.view.table import format_kg
 from massid.view.trace import FLOOR_KG, Trace
 
-WIDTH_IN, PLOTS_HEIGHT_IN, ROBOT_HEIGHT_IN = 12.0, 6.6, 3.9
+WIDTH_IN, PLOTS_HEIGHT_IN, ROBOT_HEIGHT_IN, TITLE_HEIGHT_IN = 12.0, 6.6, 3.9, 0.7
 DPI = 150
 STYLE = {
     "font.family": "DejaVu Sans",
@@ -66,23 +66,31 @@ def write_summary_png(path: Path, walk: Walk, robot: Robot, result: Result, scor
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     motion, trace = sample_motion(walk, robot), Trace.of(result, score)
     chosen = _chosen_updates(trace)
     pictures = render_shots(
-        robot, _shots(trace, motion, chosen), width=int(DPI * WIDTH_IN / (FRAMES + 0.5)), height=int(DPI * 3.3)
+        robot,
+        _shots(trace, motion, chosen),
+        motion.height_m,
+        width=int(DPI * WIDTH_IN / (FRAMES + 0.5)),
+        height=int(DPI * 3.3),
     )
     with rc_context(STYLE):
         height = PLOTS_HEIGHT_IN + (ROBOT_HEIGHT_IN if pictures else 0.0)
-        figure = Figure(figsize=(WIDTH_IN, height), dpi=DPI, layout="constrained")
+        figure: Any = Figure(
+            figsize=(WIDTH_IN, height),
+            dpi=DPI,
+            layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12, hspace=0.03, wspace=0.03),
+        )
         FigureCanvasAgg(figure)
-        figure.get_layout_engine().set(w_pad=0.12, h_pad=0.12, hspace=0.03, wspace=0.03)
         _title(figure, trace, robot, result)
         if pictures:
-            upper, lower = figure.subfigures(2, 1, height_ratios=[ROBOT_HEIGHT_IN - 0.7, PLOTS_HEIGHT_IN])
+            upper, lower = figure.subfigures(2, 1, height_ratios=[ROBOT_HEIGHT_IN - TITLE_HEIGHT_IN, PLOTS_HEIGHT_IN])
             _draw_robot(upper, trace, chosen, pictures)
         else:
-            lower = figure.subfigures(1, 1)
+            lower = figure
         axes = lower.subplots(2, 2, width_ratios=[1.0, 1.0])
         end_s = plot_end_s(trace, motion)
         _draw_headline(axes[0, 0], trace, end_s)
@@ -91,7 +99,7 @@ def write_summary_png(path: Path, walk: Walk, robot: Robot, result: Result, scor
         _draw_forces(axes[1, 1], motion, end_s)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, facecolor="white")
+            figure.savefig(path, format="png", facecolor="white")
         except OSError as error:
             raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
 
@@ -114,9 +122,10 @@ def _shots(trace: Trace, motion: Motion, chosen: list[int]) -> list[Shot]:
 
 def _title(figure: Any, trace: Trace, robot: Robot, result: Result) -> None:
     count = len(trace.links)
+    masses = "1 link mass" if count == 1 else f"{count} link masses"
     outcome = "" if result.status is Status.CONVERGED else f" ({result.status})"
     figure.suptitle(
-        f"{count} link {'mass' if count == 1 else 'masses'} of {robot.source}, weighed from {result.log_s:.3g} s of walking{outcome}",
+        f"{masses} of {robot.source}, weighed from {result.log_s:.3g} s of walking{outcome}",
         x=0.012,
         ha="left",
         fontsize=15,
@@ -201,7 +210,7 @@ def _draw_masses(axis: Any, trace: Trace, end_s: float) -> None:
     _finish(axis, trace, end_s)
     low, high = axis.get_ylim()
     places = _spread(change[-1], LABEL_GAP * (high - low))
-    for k, link in enumerate(trace.links):
+    for k in range(len(trace.links)):
         axis.annotate(
             _label(trace, k),
             (1.0, change[-1, k]),
@@ -260,7 +269,7 @@ def _draw_scores(axis: Any, trace: Trace, end_s: float) -> None:
         if trace.online
         else f"Scores of all {len(trace.updates[0].mu)} models"
     )
-    axis.legend(loc="best", handletextpad=0.2)
+    axis.legend(loc="best", handletextpad=0.2, reverse=True)
     _finish(axis, trace, end_s)
 
 

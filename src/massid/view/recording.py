@@ -24,7 +24,7 @@ from massid.typing import AnyArray, FloatArray
 from massid.view import colours
 from massid.view.layout import make_blueprint
 from massid.view.motion import Motion, sample_motion
-from massid.view.paths import (
+from massid.view.names import (
     APPLICATION,
     HEADLINE,
     ITERATION,
@@ -43,9 +43,9 @@ from massid.view.shapes import body_mesh
 from massid.view.table import table_markdown
 from massid.view.trace import FLOOR_KG, Trace
 
-FORCE_LENGTH_M = 0.55
-"""Length of the arrow of a force as large as the robot's weight."""
-CAMERA_SMOOTHING_S = 0.6
+FORCE_LENGTH, FORCE_RADIUS = 0.28, 0.009
+"""Size of the arrow of a force as large as the robot's weight, in heights of the robot."""
+CAMERA_SMOOTHING_S, CAMERA_DROP = 0.6, 0.06
 SCALE_PIXELS = (140, 24)
 
 
@@ -123,21 +123,8 @@ class _Writer:
 
     def _body(self, robot: Robot, body: int) -> None:
         name = robot.model.body(body).name or f"body_{body}"
-        motion, trace = self._motion, self._trace
-        poses = rr.Transform3D.columns(translation=motion.position[:, body], quaternion=motion.quaternion[:, body])
-        self._stream.send_columns(body_path(name), self._frames, [*poses])
-        if not trace.online:
-            middle = len(motion) // 2
-            self._stream.send_columns(
-                body_path(name),
-                [rr.TimeColumn(ITERATION, sequence=[0])],
-                [
-                    *rr.Transform3D.columns(
-                        translation=motion.position[middle : middle + 1, body],
-                        quaternion=motion.quaternion[middle : middle + 1, body],
-                    )
-                ],
-            )
+        trace = self._trace
+        self._pose(body_path(name), self._motion.position[:, body], self._motion.quaternion[:, body])
         mesh = body_mesh(robot.model, body)
         if mesh is None:
             return
@@ -166,30 +153,37 @@ class _Writer:
     def _camera_target(self, body: int) -> None:
         """A point that follows the base smoothly; a camera on the base itself would shake with every step."""
         base = self._motion.position[:, body].copy()
-        base[:, 2] = np.median(base[:, 2])
+        base[:, 2] = np.median(base[:, 2]) - CAMERA_DROP * self._motion.height_m
         width = max(1, round(CAMERA_SMOOTHING_S * len(base) / max(float(self._motion.time_s[-1]), 1e-9)))
         width = min(width, len(base)) | 1
         padded = np.pad(base, ((width // 2, width // 2), (0, 0)), mode="edge")
         kernel = np.full(width, 1.0 / width)
         smooth = np.stack([np.convolve(padded[:, axis], kernel, mode="valid") for axis in range(3)], axis=1)
         self._stream.log(TARGET, rr.Points3D([[0.0, 0.0, 0.0]], radii=[1e-3], colors=[[0, 0, 0, 0]]), static=True)
-        self._stream.send_columns(TARGET, self._frames, [*rr.Transform3D.columns(translation=smooth)])
+        self._pose(TARGET, smooth)
+
+    def _pose(self, path: str, position: FloatArray, quaternion: FloatArray | None = None) -> None:
+        """Send how a frame moves; on a timeline without a walk it stands where it was halfway through the log."""
+        self._stream.send_columns(
+            path, self._frames, [*rr.Transform3D.columns(translation=position, quaternion=quaternion)]
+        )
         if not self._trace.online:
-            middle = len(smooth) // 2
-            self._stream.send_columns(
-                TARGET,
-                [rr.TimeColumn(ITERATION, sequence=[0])],
-                [*rr.Transform3D.columns(translation=smooth[middle : middle + 1])],
+            half = slice(len(position) // 2, len(position) // 2 + 1)
+            still = rr.Transform3D.columns(
+                translation=position[half], quaternion=None if quaternion is None else quaternion[half]
             )
+            self._stream.send_columns(path, [rr.TimeColumn(ITERATION, sequence=[0])], [*still])
 
     def _contacts(self, robot: Robot) -> None:
         motion = self._motion
-        scale = FORCE_LENGTH_M / (robot.total_mass_kg * 9.81)
+        scale = FORCE_LENGTH * motion.height_m / (robot.total_mass_kg * 9.81)
         for c, name in enumerate(motion.contact_bodies):
             colour = colours.FORCE_COLOURS[c % len(colours.FORCE_COLOURS)]
             arrow = f"{body_path(name)}/force"
             self._stream.log(
-                arrow, rr.Arrows3D.from_fields(colors=[colours.hex_rgba8(colour)], radii=[0.018]), static=True
+                arrow,
+                rr.Arrows3D.from_fields(colors=[colours.hex_rgba8(colour)], radii=[FORCE_RADIUS * motion.height_m]),
+                static=True,
             )
             vectors = scale * motion.force[:, c]
             arrows = rr.Arrows3D.columns(vectors=vectors, origins=motion.pressure_point[:, c] - vectors)

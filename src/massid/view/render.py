@@ -15,8 +15,8 @@ from massid.view.shapes import shown_geoms
 
 FLOOR = "massid_floor"
 AZIMUTH_DEG, ELEVATION_DEG = 140.0, -10.0
-DISTANCE = 1.22
-"""Distance of the camera in units of the model's extent."""
+DISTANCE = 1.5
+"""From the robot to the camera, in heights of the robot."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,13 @@ class Shot:
     link_rgb: Mapping[str, FloatArray]
 
 
-def render_shots(robot: Robot, shots: Sequence[Shot], width: int, height: int) -> list[AnyArray]:
+def render_shots(robot: Robot, shots: Sequence[Shot], height_m: float, width: int, height: int) -> list[AnyArray]:
     """Render frames off-screen.
 
     Args:
         robot: the robot to show.
         shots: poses and colours.
+        height_m: of the robot.
         width: of each frame [pixels].
         height: of each frame [pixels].
 
@@ -45,12 +46,12 @@ def render_shots(robot: Robot, shots: Sequence[Shot], width: int, height: int) -
         Pictures of shape (height, width, 3) and type uint8; none if no graphics driver works here.
     """
     try:
-        return _render(robot, shots, width, height)
+        return _render(robot, shots, height_m, width, height)
     except Exception:  # whatever a missing or broken graphics driver raises, the page does without the robot
         return []
 
 
-def _render(robot: Robot, shots: Sequence[Shot], width: int, height: int) -> list[AnyArray]:
+def _render(robot: Robot, shots: Sequence[Shot], height_m: float, width: int, height: int) -> list[AnyArray]:
     from mujoco.egl import GLContext
 
     model = _stage(robot, width, height)
@@ -68,8 +69,8 @@ def _render(robot: Robot, shots: Sequence[Shot], width: int, height: int) -> lis
             data.qpos[:] = shot.qpos
             mujoco.mj_forward(model, data)
             root = data.body(robot.root_body).xpos
-            camera.lookat[:] = root[0], root[1], 0.5 * float(robot.model.stat.extent) * 0.88
-            camera.distance = DISTANCE * float(robot.model.stat.extent)
+            camera.lookat[:] = root[0], root[1], data.xpos[1:, 2].min() + 0.45 * height_m
+            camera.distance = DISTANCE * height_m
             camera.azimuth, camera.elevation = AZIMUTH_DEG, ELEVATION_DEG
             mujoco.mjv_updateScene(model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)
             mujoco.mjr_render(view, scene, gpu)
@@ -85,7 +86,6 @@ def _render(robot: Robot, shots: Sequence[Shot], width: int, height: int) -> lis
 def _stage(robot: Robot, width: int, height: int) -> mujoco.MjModel:
     """The robot on a white floor in a white room."""
     spec = robot.spec.copy()
-    extent = float(robot.model.stat.extent)
     spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
     spec.visual.quality.shadowsize = 4096
     spec.visual.map.shadowclip = 3.0  # a tighter shadow map speckles the floor

@@ -83,21 +83,21 @@ def body_mesh(model: mujoco.MjModel, body: int) -> Mesh | None:
 def _geom_surface(model: mujoco.MjModel, geom: int) -> _Surface | None:
     size = np.asarray(model.geom_size[geom], dtype=np.float64)
     kinds = mujoco.mjtGeom
+    surface: _Surface | None = None
     match mujoco.mjtGeom(int(model.geom_type[geom])):
         case kinds.mjGEOM_SPHERE:
-            return _ellipsoid(np.full(3, size[0]))
+            surface = _ellipsoid(np.full(3, size[0]))
         case kinds.mjGEOM_ELLIPSOID:
-            return _ellipsoid(size)
+            surface = _ellipsoid(size)
         case kinds.mjGEOM_CAPSULE:
-            return _capsule(size[0], size[1])
+            surface = _capsule(size[0], size[1])
         case kinds.mjGEOM_CYLINDER:
-            return _cylinder(size[0], size[1])
+            surface = _cylinder(size[0], size[1])
         case kinds.mjGEOM_BOX:
-            return _box(size)
+            surface = _box(size)
         case kinds.mjGEOM_MESH | kinds.mjGEOM_SDF:
-            return _mesh(model, int(model.geom_dataid[geom]))
-        case _:
-            return None
+            surface = _mesh(model, int(model.geom_dataid[geom]))
+    return surface
 
 
 def _revolve(profile: FloatArray) -> _Surface:

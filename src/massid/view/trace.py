@@ -74,7 +74,7 @@ class Trace:
     @property
     def nominal_kg(self) -> FloatArray:
         """Masses of the model file, shape (n_links,)."""
-        return self.estimate_kg[0]
+        return np.asarray(self.estimate_kg[0], dtype=np.float64)
 
     @cached_property
     def error_kg(self) -> FloatArray:
@@ -89,7 +89,7 @@ class Trace:
     @cached_property
     def relative_error(self) -> FloatArray:
         """|error| as a fraction of the link's mass, shape (1 + n_updates, n_links): what colours the links."""
-        return np.abs(self.error_kg) / self.reference_kg
+        return np.asarray(np.abs(self.error_kg) / self.reference_kg, dtype=np.float64)
 
     @cached_property
     def roles(self) -> tuple[tuple[Role, ...], ...]:

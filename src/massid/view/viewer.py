@@ -15,8 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from massid.errors import BadInputError, MassidError
-
-SIM_TIME = "sim_time"
+from massid.view.names import SIM_TIME
 
 MAGIC = b"RRF"
 LOCAL_ONLY = "127.0.0.1"
@@ -38,9 +37,8 @@ def open_viewer(path: Path) -> None:
     check_recording(path)
     if not _has_display():
         raise MassidError(
-            f"There is no display here to show {path} on. Copy the file to a machine with one and run `rerun {path.name}` "
-            f"there, or show it in a browser: `rerun --serve-web --bind {LOCAL_ONLY} {path}` (over ssh, forward ports "
-            "9090 and 9876)."
+            f"There is no display here to show {path} on. Run `rerun {path.name}` on a machine with one, or show it in "
+            f"a browser with `rerun --web-viewer --bind {LOCAL_ONLY} {path}` (over ssh, forward ports 9090 and 9876)."
         )
     command = [_executable(), "--bind", LOCAL_ONLY, "--port", "auto", str(path)]
     try:
@@ -113,8 +111,8 @@ def _connect(process: subprocess.Popen[bytes], client: Any, url: str) -> Any:
     while time.monotonic() < deadline:
         if process.poll() is not None:
             raise MassidError(
-                f"The Rerun viewer ended with exit code {process.returncode} before it drew anything; it needs a graphics "
-                "driver (without a graphics card: apt-get install mesa-vulkan-drivers libegl1 libgl1)."
+                f"The Rerun viewer ended with exit code {process.returncode} before it drew anything; it needs a "
+                "graphics driver (without a graphics card: apt-get install mesa-vulkan-drivers libegl1 libgl1)."
             )
         try:
             viewer = client(url)

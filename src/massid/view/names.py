@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import rerun as rr
-
 from massid.search.proposal import Role
 
 APPLICATION = "massid"
@@ -19,24 +17,30 @@ SCALE = "colour_scale"
 
 def body_path(name: str) -> str:
     """Pose of a body."""
-    return str(rr.new_entity_path([WORLD, "robot", name]))
+    return _path([WORLD, "robot", name])
 
 
 def estimate_path(link: str) -> str:
     """Change of a link's estimate against the model file."""
-    return str(rr.new_entity_path(["mass", "estimate", link]))
+    return _path(["mass", "estimate", link])
 
 
 def truth_path(link: str) -> str:
     """True change of a link's mass against the model file."""
-    return str(rr.new_entity_path(["mass", "true", link]))
+    return _path(["mass", "true", link])
 
 
 def contact_path(name: str) -> str:
     """Vertical force on a contact body."""
-    return str(rr.new_entity_path([FORCES, name]))
+    return _path([FORCES, name])
 
 
 def models_path(role: Role) -> str:
     """Scores of the models with a role."""
     return f"models/{role}"
+
+
+def _path(parts: list[str]) -> str:
+    from rerun import new_entity_path  # here, so that the names alone load nothing heavy
+
+    return str(new_entity_path(parts))

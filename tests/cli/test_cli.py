@@ -1,0 +1,228 @@
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massid.assets import sample_walk
+from massid.cli import main
+from massid.log import Walk, WalkWriter, read_walk
+from massid.robot import Robot
+from massid.score import Truth
+from tests.conftest import Pushed
+from tests.pushed_robot import LINKS, XML
+
+ROBOT_LINKS = ",".join(LINKS)
+
+
+def write_walk(path: Path, walk: Walk, contacts: tuple[str, ...] | None = None) -> Path:
+    names = walk.contact_bodies if contacts is None else contacts
+    with WalkWriter(
+        path, root_body=walk.root_body, joint_names=walk.joint_names, timestep_s=walk.timestep_s, contact_bodies=names
+    ) as writer:
+        wrenches = {name: walk.wrench[:, walk.contact_bodies.index(name)] for name in names}
+        writer.append_block(walk.stamps_ns, walk.qpos, walk.qvel, walk.effort, wrenches)
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(pushed: Pushed, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with robot.xml and walk.mcap, as a user would have them."""
+    path = tmp_path_factory.mktemp("user")
+    (path / "robot.xml").write_text(XML)
+    write_walk(path / "walk.mcap", pushed.walk)
+    truth = {link: {"true_kg": kg} for link, kg in zip(LINKS, pushed.truth.tolist(), strict=True)}
+    (path / "walk.truth.json").write_text(json.dumps({"links": truth}))
+    return path
+
+
+def identify(folder: Path, *arguments: str) -> int:
+    return main(["identify", str(folder / "walk.mcap"), "--model", str(folder / "robot.xml"), *arguments])
+
+
+def test_identify_prints_the_table_and_writes_everything(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = identify(
+        folder,
+        *("--links", ROBOT_LINKS, "--dwell-s", "0.25", "--truth", str(folder / "walk.truth.json")),
+        *("--json", str(tmp_path / "r.json"), "--save-model", str(tmp_path / "m.xml")),
+    )
+    assert code == 0
+    table = capsys.readouterr().out
+    assert all(link in table for link in LINKS)
+    assert "true [kg]" in table
+    result = json.loads((tmp_path / "r.json").read_text())
+    assert result["schema"] == 1
+    assert result["status"] == "converged"
+    assert result["l2_error_kg"] < 1e-6 < result["l2_error_initial_kg"]
+    assert result["iterations"][0].keys() >= {"window", "mu", "estimate_kg", "l2_error_kg"}
+    truth = Truth.load(folder / "walk.truth.json").mass_kg
+    saved = Robot.load(tmp_path / "m.xml")
+    np.testing.assert_allclose([saved.nominal_mass_kg(link) for link in LINKS], [truth[link] for link in LINKS])
+
+
+def test_without_truth_nothing_true_is_printed(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert identify(folder, "--dwell-s", "0.25", "--json", str(tmp_path / "r.json")) == 0
+    assert "true" not in capsys.readouterr().out
+    assert "true_kg" not in (tmp_path / "r.json").read_text()
+
+
+def test_same_seed_same_numbers(folder: Path, tmp_path: Path) -> None:
+    documents = []
+    for name, threads in (("a", "1"), ("b", "2")):
+        path = tmp_path / f"{name}.json"
+        identify(folder, "--dwell-s", "0.25", "--json", str(path), "--threads", threads, "--seed", "7")
+        documents.append(json.loads(path.read_text())["links"])
+    assert documents[0] == documents[1]
+
+
+def test_a_search_that_ends_early_exits_with_4(folder: Path) -> None:
+    assert identify(folder, "--direction", "gradient", "--dwell-s", "0.5") == 4
+
+
+def test_a_walk_that_reveals_nothing_exits_with_3(
+    folder: Path, pushed: Pushed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(folder / "robot.xml", tmp_path)
+    n, time = 600, 1e-3 * np.arange(600)
+    qpos, qvel = np.zeros((n, 15)), np.zeros((n, 14))
+    qpos[:, 2], qpos[:, 3], qvel[:, 2] = 9.0 - 0.5 * 9.81 * time * (time + 1e-3), 1.0, -9.81 * time
+    flight = replace(
+        pushed.walk,
+        stamps_ns=pushed.walk.stamps_ns[:n],
+        qpos=qpos,
+        qvel=qvel,
+        effort=np.zeros((n, 8)),
+        wrench=np.zeros((n, 2, 6)),
+        segments=(),
+    )
+    write_walk(tmp_path / "walk.mcap", flight)
+    assert identify(tmp_path, "--dwell-s", "0.25") == 3
+    captured = capsys.readouterr()
+    assert "not identifiable" in captured.out
+    assert "does not reveal torso" in captured.err
+
+
+def spoil_missing(path: Path, _: Pushed) -> None:
+    path.unlink()
+
+
+def spoil_text(path: Path, _: Pushed) -> None:
+    path.write_text("timestamp,joint,torque\n0.0,knee,12\n")
+
+
+def spoil_empty(path: Path, _: Pushed) -> None:
+    path.write_bytes(b"")
+
+
+def spoil_no_wrench(path: Path, pushed: Pushed) -> None:
+    write_walk(path, pushed.walk, contacts=())
+
+
+def spoil_short(path: Path, pushed: Pushed) -> None:
+    walk = pushed.walk
+    rows = {name: getattr(walk, name)[:100] for name in ("stamps_ns", "qpos", "qvel", "effort", "wrench")}
+    write_walk(path, replace(walk, segments=(), **rows))
+
+
+def spoil_joint(path: Path, pushed: Pushed) -> None:
+    names = ("l_hip_rol", *pushed.walk.joint_names[1:])
+    write_walk(path, replace(pushed.walk, joint_names=names))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (spoil_missing, "walk.mcap"),
+        (spoil_text, "walk.mcap"),
+        (spoil_empty, "empty"),
+        (spoil_no_wrench, "wrench"),
+        (spoil_short, "do not fill one dwell window"),
+        (spoil_joint, "no joint named 'l_hip_rol'. Did you mean l_hip_roll"),
+    ],
+)
+def test_a_bad_log_is_one_line_and_code_2(
+    spoil: object, message: str, folder: Path, pushed: Pushed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    spoil(copy / "walk.mcap", pushed)  # type: ignore[operator]
+    assert identify(copy) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("massid: error: ")
+    assert error.count("\n") == 1
+    assert message in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--links", "torso,l_tigh"), "Did you mean l_thigh"),
+        (("--links", "world"), "The world has no mass"),
+        (("--links", "torso,torso"), "more than once"),
+        (("--bank-size", "7"), "serves at most 6 unknowns"),
+        (("--dwell-s", "-1"), "dwell_s is -1.0; it must be positive"),
+        (("--dwell-s", "nan"), "dwell_s is nan; it must be positive"),
+        (("--dwell-s", "0.001"), "shorter than two samples"),
+        (("--truth", "nowhere.json"), "nowhere.json"),
+        (("--json", "no/such/folder/r.json"), "no/such/folder does not exist"),
+    ],
+)
+def test_bad_arguments_are_one_line_and_code_2(
+    arguments: tuple[str, ...], message: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert identify(folder, *arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("massid: error: ")
+    assert error.count("\n") == 1
+    assert message in error
+
+
+@pytest.mark.parametrize("name", ["robot", "nowhere.xml"])
+def test_an_unknown_model_is_named(name: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["links", name]) == 2
+    assert name in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [("torso", "expected LINK=+KG"), ("torso=x", "expected LINK=+KG"), ("tors=1", "Did you mean torso")],
+)
+def test_bad_hidden_masses(argument: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["record", str(tmp_path / "w.mcap"), "--seconds", "0.1", "--mass", argument]) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", ["demo", "record", "identify", "view", "links"])
+def test_every_command_has_help_with_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main([command, "--help"])
+    assert stop.value.code == 0
+    assert f"massid {command}" in capsys.readouterr().out.split("Examples:")[1]
+
+
+def test_unknown_command_exits_with_2(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["weigh"])
+    assert stop.value.code == 2
+    assert "weigh" in capsys.readouterr().err
+
+
+def test_links_lists_masses(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["links", "atlas"]) == 0
+    assert "torso" in capsys.readouterr().out
+
+
+def test_the_shipped_walk_is_identified_with_nothing_but_its_name(capsys: pytest.CaptureFixture[str]) -> None:
+    log = sample_walk()
+    assert main(["identify", str(log), "--truth", str(log.with_suffix(".truth.json"))]) == 0
+    assert "converged" in capsys.readouterr().out
+    assert read_walk(log).duration_s == pytest.approx(5.0, abs=0.01)

@@ -1,0 +1,124 @@
+"""The package as a user gets it: installed from a wheel, with no clone around; and which room may import what."""
+
+from __future__ import annotations
+
+import ast
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+SOURCE = ROOT / "src" / "massid"
+
+ONLY_IN = {
+    "mcap": {"log"},
+    "rerun": {"view"},
+    "matplotlib": {"view"},
+    "tyro": {"cli"},
+    "rich": {"cli"},
+    "dm_control": {"plant"},
+    "quadprog": {"walking"},
+}
+"""Libraries that one room keeps to itself."""
+
+SEES = {
+    "search": {"parameters", "errors", "typing"},
+    "log": {"errors", "typing"},
+    "observer": {"robot", "log", "search", "parameters", "errors", "typing"},
+    "identify": {"observer", "robot", "log", "search", "parameters", "errors", "typing"},
+    "walking": {"robot", "errors", "typing"},
+    "plant": {"walking", "robot", "log", "parameters", "errors", "typing", "score"},
+}
+"""What each room may know of the others: data flows one way, and truth never reaches identification."""
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder into which a freshly built wheel was unpacked."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--quiet", str(ROOT)]
+    subprocess.run([*build, "--wheel-dir", str(folder)], check=True, capture_output=True)
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / "site")
+    return folder / "site"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["links", "atlas"], "torso"),
+        (["links", "models/atlas.xml"], "torso"),
+        (["identify", "SAMPLE"], "converged"),
+    ],
+)
+def test_the_wheel_works_from_another_folder(
+    arguments: list[str], expected: str, installed: Path, tmp_path: Path
+) -> None:
+    sample = str(installed / "massid" / "_assets" / "data" / "atlas_walk.mcap")
+    environment = os.environ | {"PYTHONPATH": str(installed)}
+    code = "import massid, sys; assert 'site/massid' in massid.__file__; from massid.cli import main; sys.exit(main())"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *(sample if word == "SAMPLE" else word for word in arguments)],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert expected in done.stdout
+    assert not list(tmp_path.iterdir())  # nothing is left behind where the user stands
+
+
+def _imports(path: Path) -> set[str]:
+    """Every module name that a file imports, at its top or inside a function."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def _room(path: Path) -> str:
+    return path.relative_to(SOURCE).parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("path", sorted(SOURCE.rglob("*.py")), ids=lambda path: str(path.relative_to(SOURCE)))
+def test_every_room_imports_only_what_it_may(path: Path) -> None:
+    room = _room(path)
+    for name in _imports(path):
+        parts = name.split(".")
+        assert room in ONLY_IN.get(parts[0], {room}), f"{name} belongs to {ONLY_IN.get(parts[0])}"
+        if parts[0] == "massid" and len(parts) > 1 and room in SEES:
+            assert parts[1] in SEES[room] | {room}, f"{room} must not know {name}"
+
+
+def test_only_the_score_reads_the_truth() -> None:
+    readers = [
+        str(path.relative_to(SOURCE))
+        for path in SOURCE.rglob("*.py")
+        if "true_kg" in path.read_text() and "json.loads" in path.read_text()
+    ]
+    assert readers == ["score.py"]
+
+
+def test_identification_does_not_open_the_truth_file(tmp_path: Path) -> None:
+    """The truth lies beside the log; an audit hook sees every file that `massid identify` opens."""
+    code = (
+        "import sys\n"
+        "opened = []\n"
+        "sys.addaudithook(lambda event, args: opened.append(str(args[0])) if event == 'open' else None)\n"
+        "from massid.assets import sample_walk\n"
+        "from massid.cli import main\n"
+        "assert main(['identify', str(sample_walk())]) == 0\n"
+        "assert any('atlas_walk.mcap' in name for name in opened)\n"
+        "assert not [name for name in opened if 'truth' in name]\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, capture_output=True)
