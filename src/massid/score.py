@@ -67,10 +67,9 @@ def score(result: Result, truth: Truth) -> Score:
     for link in links:
         if link not in truth.mass_kg:
             raise BadInputError(unknown_name("link", link, truth.mass_kg, truth.source))
-    true = np.array([truth.mass_kg[link] for link in links])
 
     def errors(masses_kg: dict[str, float]) -> FloatArray:
-        return np.subtract([masses_kg[link] for link in links], true)
+        return np.array([masses_kg[link] - truth.mass_kg[link] for link in links])
 
     final = errors(result.estimate_kg)
     return Score(

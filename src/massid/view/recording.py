@@ -66,7 +66,7 @@ def write_recording(path: Path, walk: Walk, robot: Robot, result: Result, score:
     motion, trace = sample_motion(walk, robot), Trace.of(result, score)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("wb").close()
+        path.open("ab").close()
     except OSError as error:
         raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
     stream = rr.RecordingStream(APPLICATION)

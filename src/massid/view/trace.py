@@ -15,6 +15,8 @@ from massid.typing import BoolArray, FloatArray, IntArray
 
 FLOOR_KG = 1e-12
 """Errors below this are rounding; the logarithmic axes end here."""
+LINE_FRACTIONS = (0.0, 0.5, 2.0)
+"""Where the candidates of a window lie on the step of the window before, from p_best to the estimate."""
 FLOOR_MU = 1e-30
 """Scores below this are rounding."""
 
@@ -107,18 +109,15 @@ class Trace:
 
 
 def _roles(window: WindowResult, before: WindowResult | None) -> tuple[Role, ...]:
-    """Tell candidates from samples: the line search's points lie on the line from the last best model to the centre."""
+    """Tell the line search's candidates from samples: they lie at known fractions of the step that was taken."""
     points = window.points
     roles = [Role.CENTRE] + [Role.SAMPLE] * (len(points) - 1)
     if before is not None:
         start = before.points[before.best]
-        line = points[0] - start
-        length = float(np.linalg.norm(line))
-        for row in range(1, len(points)):
-            offset = points[row] - start
-            along = offset @ line / max(length, np.finfo(float).tiny) ** 2 if length > 0 else 0.0
-            across = float(np.linalg.norm(offset - along * line))
-            if across > 1e-6 * float(np.linalg.norm(start)):
+        step = points[0] - start
+        near = 1e-6 * float(np.max(np.linalg.norm(points - start, axis=1)))
+        for row, fraction in enumerate(LINE_FRACTIONS[: len(points) - 1], start=1):
+            if np.linalg.norm(points[row] - start - fraction * step) > near:
                 break
             roles[row] = Role.CANDIDATE
     return tuple(roles)

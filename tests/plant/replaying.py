@@ -1,0 +1,32 @@
+"""Replay a log step by step in an identification model with given masses, to see whether it makes the same steps."""
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+
+from massid.log import Segment, Walk
+from massid.observer.replay import replay_block
+from massid.robot import Robot, write_fields
+from massid.typing import FloatArray
+
+
+def velocity_errors(walk: Walk, robot: Robot, masses_kg: Mapping[str, float]) -> FloatArray:
+    """Largest velocity error of each single step from the logged state [rad/s, m/s], shape (n - 1,)."""
+    walk = robot.align(walk)
+    model = robot.identification_model(walk.contact_bodies)
+    space = robot.mass_space(masses_kg)
+    write_fields(model, robot.realise(space, np.array(list(masses_kg.values()))))
+    data = mujoco.MjData(model)
+    block = replay_block(walk, robot.layout, Segment(0, len(walk)))
+    errors = np.empty(len(block))
+    for k in range(len(block)):
+        data.qpos[:], data.qvel[:] = block.qpos[k], block.qvel[k]
+        data.qfrc_applied[:], data.ctrl[:] = block.effort[k], block.wrench[k]
+        mujoco.mj_step(model, data)
+        errors[k] = np.abs(data.qvel - block.qvel[k + 1]).max()
+    return errors
+
+
+def nominal_kg(robot: Robot) -> dict[str, float]:
+    return {link: robot.nominal_mass_kg(link) for link in robot.links}

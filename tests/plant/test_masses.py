@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+
+from massid.errors import BadInputError, ModelError
+from massid.plant import HiddenMasses, MassErrors, default_links
+from massid.plant.masses import SEVEN_LINKS
+from massid.robot import Robot
+from tests.plant.worlds import crab
+
+
+@pytest.mark.parametrize("norm_kg", [0.0, 0.5, 6.0, 40.0, 100.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_drawn_errors_have_the_norm_and_stay_in_theta(atlas: Robot, norm_kg: float, seed: int) -> None:
+    hidden = MassErrors(norm_kg=norm_kg).draw(atlas, np.random.default_rng(seed))
+    assert tuple(hidden.error_kg) == SEVEN_LINKS
+    assert hidden.norm_kg == pytest.approx(norm_kg, rel=1e-12, abs=1e-15)  # rounding of a sum of squares
+    space = atlas.mass_space(hidden.error_kg)
+    true = np.array([hidden.true_kg(atlas)[link] for link in hidden.error_kg])
+    assert space.contains(true)
+
+
+def test_the_largest_norm_that_fits_is_reached(atlas: Robot) -> None:
+    upper = 1.5 * np.linalg.norm([atlas.nominal_mass_kg(link) for link in SEVEN_LINKS])
+    hidden = MassErrors(norm_kg=0.99999 * upper).draw(atlas, np.random.default_rng(0))
+    assert hidden.norm_kg == pytest.approx(0.99999 * upper, rel=1e-12)
+    with pytest.raises(BadInputError, match=r"do not fit .* at most 102\.\d kg"):
+        MassErrors(norm_kg=1.001 * upper).draw(atlas, np.random.default_rng(0))
+
+
+def test_directions_are_spread(atlas: Robot) -> None:
+    rng = np.random.default_rng(0)
+    draws = np.array([list(MassErrors(norm_kg=0.5).draw(atlas, rng).error_kg.values()) for _ in range(400)])
+    # Isotropic: zero mean within 5 standard errors of 0.5 kg / sqrt(7 x 400), and equal shares.
+    np.testing.assert_allclose(draws.mean(axis=0), 0.0, atol=5 * 0.5 / np.sqrt(7 * 400))
+    np.testing.assert_allclose((draws**2).mean(axis=0), 0.25 / 7, rtol=0.35)
+
+
+def test_default_links_and_norm() -> None:
+    robot = crab("Euler", servo=False)
+    assert default_links(robot) == robot.links  # fewer than seven, and none of the paper's names
+    hidden = MassErrors().draw(robot, np.random.default_rng(0))
+    assert hidden.norm_kg == pytest.approx(np.linalg.norm([3.0, 0.8, 0.4, 0.9]) / 4)
+
+
+def test_true_model_scales_inertia_and_keeps_the_centre(atlas: Robot) -> None:
+    true = HiddenMasses({"torso": 3.0}).true_model(atlas)
+    torso = atlas.model.body("torso").id
+    factor = (atlas.model.body_mass[torso] + 3.0) / atlas.model.body_mass[torso]
+    np.testing.assert_allclose(true.body_inertia[torso], factor * atlas.model.body_inertia[torso], rtol=1e-14)
+    np.testing.assert_array_equal(true.body_ipos, atlas.model.body_ipos)
+    assert true.body_subtreemass[0] == pytest.approx(atlas.total_mass_kg + 3.0)
+
+
+def test_unknown_link_is_named(atlas: Robot) -> None:
+    with pytest.raises(ModelError, match="no link named 'torzo'.*torso"):
+        HiddenMasses({"torzo": 1.0}).true_kg(atlas)
+    with pytest.raises(ModelError, match="no link named 'l_tigh'.*l_thigh"):
+        MassErrors(links=("l_tigh",)).draw(atlas, np.random.default_rng(0))
+
+
+def test_impossible_masses_are_refused(atlas: Robot) -> None:
+    with pytest.raises(BadInputError, match=r"-2 kg on 'l_foot' makes it 0\.41 kg, outside \[0\.723, 6\.025\]"):
+        HiddenMasses({"l_foot": -2.0}).true_kg(atlas)
+    with pytest.raises(BadInputError, match="must not be negative"):
+        MassErrors(norm_kg=-1.0).draw(atlas, np.random.default_rng(0))

@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from massid.identify.result import WindowResult
+from massid.search.guided import GuidedSearch
+from massid.search.proposal import Role
+from massid.view.motion import sample_motion
+from massid.view.span import plot_end_s
+from massid.view.table import format_error, format_kg, table_markdown
+from massid.view.trace import Trace
+from tests.search.quadratic_bank import QuadraticBank, drive, make_space
+from tests.view.conftest import Story
+
+
+def test_the_first_row_is_the_model_file_and_the_last_the_result(online: Story) -> None:
+    trace = Trace.of(online.result, online.score)
+    assert_allclose(trace.estimate_kg[0], list(online.result.nominal_kg.values()))
+    assert_allclose(trace.estimate_kg[-1], list(online.result.estimate_kg.values()))
+    assert_allclose(trace.l2_error_kg[0], online.score.l2_error_initial_kg)
+    assert_allclose(trace.l2_error_kg[1:], online.score.l2_error_kg)
+
+
+def test_links_grow_better_as_the_error_falls(online: Story) -> None:
+    trace = Trace.of(online.result, online.score)
+    assert np.all(trace.relative_error[-1] < 0.01 * trace.relative_error[0])
+
+
+def test_without_truth_errors_are_distances_to_the_final_estimate(online: Story) -> None:
+    trace = Trace.of(online.result, None)
+    assert not trace.has_truth
+    assert_allclose(trace.error_kg[-1], 0.0, atol=0)
+    assert_allclose(trace.reference_kg, online.result.estimate)
+
+
+@pytest.mark.parametrize("n_p", [2, 3])
+@pytest.mark.parametrize("n_models", [4, 8, 24])
+def test_roles_are_those_of_the_search(n_p: int, n_models: int, online: Story) -> None:
+    jacobian = np.random.default_rng(0).normal(size=(50, 2, n_p))
+    bank = QuadraticBank(jacobian, np.linspace(1.0, 2.0, n_p), n_models, bend=0.1)
+    iterations = drive(GuidedSearch(make_space(n_p), n_models), bank, 4)
+    windows = tuple(WindowResult.from_iteration(iteration, 1.0) for iteration in iterations)
+    trace = replace(Trace.of(online.result, None), updates=windows)
+    assert trace.roles == tuple(iteration.monitoring.proposal.roles for iteration in iterations)
+
+
+def test_diverged_models_are_not_drawn(online: Story) -> None:
+    first = online.result.windows[0]
+    mu = first.mu.copy()
+    mu[5] = np.inf
+    trace = replace(Trace.of(online.result, None), updates=(replace(first, mu=mu),))
+    drawn = sum(len(trace.mu(0, role)) for role in Role)
+    assert drawn == len(mu) - 1
+
+
+def test_plots_of_a_short_search_end_soon_after_it(online: Story) -> None:
+    trace, motion = Trace.of(online.result, None), sample_motion(online.walk, online.robot)
+    last_s = float(trace.update_time_s[-1])
+    assert last_s < plot_end_s(trace, motion)
+    long_walk = replace(motion, time_s=motion.time_s * 100.0)
+    assert last_s < plot_end_s(trace, long_walk) < 2.0 * last_s
+
+
+def test_the_table_follows_the_estimate(online: Story) -> None:
+    trace = Trace.of(online.result, online.score)
+    before, after = (table_markdown(trace, update, online.result, online.score) for update in (0, len(trace.updates)))
+    link = trace.links[1]
+    nominal, estimate = online.result.nominal_kg[link], online.result.estimate_kg[link]
+    assert f"| {link} | {nominal:.3f} | **{nominal:.3f}** |" in before
+    assert f"| {link} | {nominal:.3f} | **{estimate:.3f}** | {online.score.true_kg[link]:.3f} |" in after
+    assert str(online.result.status) in after
+    assert "no truth" in table_markdown(Trace.of(online.result, None), 1, online.result, None)
+
+
+def test_a_link_that_the_log_does_not_reveal_is_marked(online: Story) -> None:
+    trace = Trace.of(online.result, online.score)
+    hidden = replace(trace, identifiable=np.arange(len(trace.links)) > 0)
+    rows = table_markdown(hidden, 1, online.result, online.score).splitlines()
+    assert [row.startswith(f"| {trace.links[0]} ") for row in rows if "not identifiable" in row] == [True]
+
+
+def test_numbers_have_the_digits_they_deserve() -> None:
+    assert format_error(-0.1234) == "-0.123"
+    assert format_error(3e-7) == "+3e-07"
+    assert format_error(0.0) == "+0.000"
+    assert format_kg(6.0) == "6.00 kg"
+    assert format_kg(2e-5) == "2e-05 kg"
