@@ -28,10 +28,11 @@ ONLY_IN = {
 SEES = {
     "search": {"parameters", "errors", "typing"},
     "log": {"errors", "typing"},
-    "observer": {"robot", "log", "search", "parameters", "errors", "typing"},
-    "identify": {"observer", "robot", "log", "search", "parameters", "errors", "typing"},
+    "noise": {"log", "errors", "typing"},
+    "observer": {"noise", "robot", "log", "search", "parameters", "errors", "typing"},
+    "identify": {"noise", "observer", "robot", "log", "search", "parameters", "errors", "typing"},
     "walking": {"robot", "errors", "typing"},
-    "plant": {"walking", "robot", "log", "parameters", "errors", "typing", "score"},
+    "plant": {"noise", "walking", "robot", "log", "parameters", "errors", "typing"},
 }
 """What each room may know of the others: data flows one way, and truth never reaches identification."""
 

@@ -22,9 +22,11 @@ class Kind(enum.StrEnum):
     """Mass of a link; its rotational inertia scales with it, its centre of mass stays."""
     EFFORT_OFFSET = "effort_offset"
     """Constant error of a joint's torque sensor."""
+    COEFFICIENT = "coefficient"
+    """A number in the right-hand side of a system of one's own, without a unit; robots have none."""
 
 
-UNITS = {Kind.MASS: "kg", Kind.EFFORT_OFFSET: "N m"}
+UNITS = {Kind.MASS: "kg", Kind.EFFORT_OFFSET: "N m", Kind.COEFFICIENT: "1"}
 
 
 @dataclass(frozen=True)

@@ -215,6 +215,7 @@ class Robot:
             ModelError: a contact body is not in the model.
         """
         spec = self.spec.copy()
+        _keep_actuator_dynamics(spec)
         for group in (spec.keys, spec.actuators, spec.sensors):
             for element in list(group):
                 spec.delete(element)
@@ -231,6 +232,7 @@ class Robot:
                     name=f"{site.name}/{axis}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site.name, gear=gear
                 )
                 motor.set_to_motor()
+                motor.ctrllimited = motor.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
         option = spec.option
         option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
@@ -292,6 +294,17 @@ def write_fields(model: mujoco.MjModel, realisation: Realisation, index: int = 0
     for name, values in realisation.model_fields.items():
         getattr(model, name)[:] = values[index]
     mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def _keep_actuator_dynamics(spec: mujoco.MjSpec) -> None:
+    """Hand armature and damping of joint actuators to their joints, since the actuators are about to go."""
+    for actuator in spec.actuators:
+        joint = spec.joint(actuator.target)
+        if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or joint is None:
+            continue
+        ratio = float(actuator.gear[0]) ** 2
+        joint.armature += ratio * np.ravel(actuator.armature)[0]
+        joint.damping = np.asarray(joint.damping) + ratio * np.asarray(actuator.damping)
 
 
 def file_sha256(path: Path) -> str:

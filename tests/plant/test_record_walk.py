@@ -69,9 +69,7 @@ def test_the_floor_carries_the_true_weight(atlas: Robot, tmp_path: Path) -> None
     assert np.mean(upward) == pytest.approx((atlas.total_mass_kg + 7.0) * 9.81, rel=2e-3)
 
 
-def test_the_walker_knows_only_nominal_masses(
-    atlas: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_walker_knows_only_nominal_masses(atlas: Robot, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[mujoco.MjModel] = []
 
     class Spy(Walker):

@@ -3,9 +3,9 @@
 import warnings
 from typing import Any
 
+import mujoco
 import numpy as np
 
-import mujoco
 from massid.plant.backend import composer, mjcf
 from massid.robot import Robot
 

@@ -47,8 +47,10 @@ class Demo:
             raise BadInputError(f"Cannot make the folder {self.out}: {error.strerror}.") from error
         log = self.out / "walk.mcap"
         report = Record(log, robot=str(model), seconds=self.seconds, gait=self.gait, seed=self.seed).record()
-        if report.fell:
-            raise FallError(f"The robot fell after {report.duration_s:.1f} s; try another --gait or --seed.")
+        if report.end != "complete":
+            raise FallError(
+                f"The walk ended after {report.duration_s:.1f} s ({report.end}); try another --gait or --seed."
+            )
         say(f"{model.stem} walked {report.duration_s:.1f} s ({self.gait}), masses {report.error_norm_kg:.2f} kg off\n")
         code = Identify(
             log,

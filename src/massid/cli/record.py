@@ -50,6 +50,10 @@ class Record:
         report = self.record()
         say(f"log: {report.path} ({report.duration_s:.1f} s, {report.samples} samples)")
         say(f"truth: {report.truth_path} (L2 mass error {report.error_norm_kg:.3g} kg)")
+        if report.end == "diverged":
+            raise FallError(
+                f"The simulation diverged after {report.duration_s:.1f} s; the log up to there is complete."
+            )
         if report.fell:
             raise FallError(
                 f"The robot fell after {report.duration_s:.1f} s; the log up to the fall is complete and says so. "

@@ -12,6 +12,7 @@ from massid.errors import BadInputError
 from massid.identify.excitation import Excitation
 from massid.parameters import Kind, ParameterSpace
 from massid.search.guided import Iteration
+from massid.search.proposal import Role
 from massid.typing import FloatArray, IntArray
 
 SCHEMA = 1
@@ -36,6 +37,7 @@ class WindowResult:
         mu: scores of all models, shape (n_models,); inf for diverged ones.
         best: row of p_best.
         points: parameters of all models, shape (n_models, n_p).
+        roles: what each model was for.
         newton_step: distance to the predicted minimum, shape (n_p,).
         diverged: rows of the models that diverged.
     """
@@ -46,6 +48,7 @@ class WindowResult:
     mu: FloatArray
     best: int
     points: FloatArray
+    roles: tuple[Role, ...]
     newton_step: FloatArray
     diverged: IntArray
 
@@ -60,6 +63,7 @@ class WindowResult:
             mu=monitoring.mu,
             best=iteration.best,
             points=monitoring.proposal.points,
+            roles=monitoring.proposal.roles,
             newton_step=iteration.newton_step,
             diverged=monitoring.diverged.nonzero()[0],
         )

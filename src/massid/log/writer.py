@@ -157,6 +157,8 @@ class WalkWriter:
         for body, wrench in forces.items():
             if body not in self._contacts and wrench.any():
                 self._add_contact(body)
+        if self._staged >= self._capacity:  # a new topic makes samples larger, and fewer fit into a chunk
+            self._write_chunk()
         position = 0
         while position < n:
             taken = min(self._capacity - self._staged, n - position)
@@ -173,6 +175,10 @@ class WalkWriter:
             self._last_stamp = int(stamps[position - 1])
             if self._staged >= self._capacity:
                 self._write_chunk()
+
+    def annotate(self, key: str, value: str) -> None:
+        """Add metadata that is known only at the end."""
+        self._metadata = {**self._metadata, key: value}
 
     def end_because(self, reason: str) -> None:
         """Say why the recording ends early, such as "fell"; stored as metadata `end`, else "complete"."""

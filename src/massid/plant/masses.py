@@ -10,14 +10,11 @@ import numpy as np
 
 from massid.errors import BadInputError
 from massid.parameters import ParameterSpace
-from massid.robot import Robot
+from massid.robot import WALKING_LINKS, Robot
 from massid.typing import FloatArray
 
-SEVEN_LINKS = ("torso", "l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot")
-"""The links that the paper identifies (Section V-D)."""
-
-LARGEST_DEFAULT_NORM_KG = 6.0
-"""The paper's initial error; robots whose links weigh less than four times as much get a quarter of their norm."""
+PAPER_ROBOT, PAPER_NORM_KG = "atlas", 6.0
+"""The paper's full-scale humanoid and its initial error; other robots get a quarter of the norm of their masses."""
 
 _DRAWS = 100
 _BISECTIONS = 200
@@ -51,7 +48,7 @@ class HiddenMasses:
             link = parameter.target
             mass_kg = masses[link] + self.error_kg[link]
             masses[link] = float(np.clip(mass_kg, parameter.lower, parameter.upper))
-            if abs(mass_kg - masses[link]) > _ROUNDING * parameter.nominal:
+            if not abs(mass_kg - masses[link]) <= _ROUNDING * parameter.nominal:  # nan, too
                 raise BadInputError(
                     f"A mass error of {self.error_kg[link]:+g} kg on '{link}' makes it {mass_kg:.4g} kg, outside "
                     f"[{parameter.lower:.4g}, {parameter.upper:.4g}] kg (0.3 to 2.5 times its nominal mass)."
@@ -82,8 +79,8 @@ class MassErrors:
     Attributes:
         links: links that get an error; empty for torso, thighs, calves and feet if the robot names its links so,
             else for its seven heaviest links.
-        norm_kg: L2 norm of the errors [kg]; None for 6 kg or, if that is less, a quarter of the norm of the links'
-            masses.
+        norm_kg: L2 norm of the errors [kg]; None for 6 kg on the Atlas-like robot, a quarter of the norm of the links'
+            masses on others.
     """
 
     links: tuple[str, ...] = ()
@@ -97,7 +94,7 @@ class MassErrors:
             BadInputError: the norm is negative, or larger than Theta allows.
         """
         space = robot.mass_space(self.links or default_links(robot))
-        norm_kg = default_norm_kg(space) if self.norm_kg is None else self.norm_kg
+        norm_kg = default_norm_kg(robot, space) if self.norm_kg is None else self.norm_kg
         if not norm_kg >= 0.0:
             raise BadInputError(f"The norm of the mass errors is {norm_kg} kg; it must not be negative.")
         errors = _draw(space, norm_kg, rng)
@@ -107,15 +104,17 @@ class MassErrors:
 
 def default_links(robot: Robot) -> tuple[str, ...]:
     """Torso, thighs, calves and feet if the robot names its links so, else its seven heaviest links in model order."""
-    if set(SEVEN_LINKS) <= set(robot.links):
-        return SEVEN_LINKS
-    heaviest = sorted(robot.links, key=robot.nominal_mass_kg, reverse=True)[: len(SEVEN_LINKS)]
+    if robot.walking_links() == WALKING_LINKS:
+        return WALKING_LINKS
+    heaviest = sorted(robot.links, key=robot.nominal_mass_kg, reverse=True)[: len(WALKING_LINKS)]
     return tuple(link for link in robot.links if link in heaviest)
 
 
-def default_norm_kg(space: ParameterSpace) -> float:
-    """6 kg or, if that is less, a quarter of the norm of the nominal masses [kg]."""
-    return min(LARGEST_DEFAULT_NORM_KG, float(np.linalg.norm(space.nominal)) / 4.0)
+def default_norm_kg(robot: Robot, space: ParameterSpace) -> float:
+    """6 kg for the Atlas-like robot, a quarter of the norm of the links' nominal masses for others [kg]."""
+    if robot.spec.modelname == PAPER_ROBOT:
+        return PAPER_NORM_KG
+    return float(np.linalg.norm(space.nominal)) / 4.0
 
 
 def _draw(space: ParameterSpace, norm_kg: float, rng: np.random.Generator) -> FloatArray:

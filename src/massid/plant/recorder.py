@@ -61,13 +61,6 @@ class Recording:
         return self.end == TERMINATED
 
 
-class _MetadataWriter(WalkWriter):
-    """A writer that takes metadata which is known only at the end."""
-
-    def annotate(self, key: str, value: str) -> None:
-        self._metadata = {**self._metadata, key: value}
-
-
 class StepRecorder:
     """Sees the physics steps of one episode and writes them, block by block, until it has enough.
 
@@ -222,7 +215,7 @@ def record(
     if samples < 1:
         raise BadInputError(f"A recording of {duration_s} s is shorter than one physics step of {timestep_s} s.")
     parts = RobotParts.find(model, root_body)
-    writer = _MetadataWriter(
+    writer = WalkWriter(
         path,
         root_body=parts.root_body,
         joint_names=parts.joint_names,

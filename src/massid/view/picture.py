@@ -187,7 +187,7 @@ def _draw_headline(axis: Any, trace: Trace, end_s: float) -> None:
         values, title = trace.l2_error_kg, "Error of all masses together"
         axis.set_ylabel("L2 mass error [kg]")
     else:
-        values, title, x = trace.newton_step_kg, "How far the estimate still wants to move", x[1:]
+        values, title, x = trace.step_norm_kg, "How far the estimate still wants to move", x[1:]
         axis.set_ylabel("Newton step [kg]")
     values = np.maximum(values, FLOOR_KG)
     hold = [end_s] if trace.online else [len(trace.updates) + 0.5]
@@ -209,7 +209,7 @@ def _draw_masses(axis: Any, trace: Trace, end_s: float) -> None:
         _steps(axis, np.append(x, end), np.append(change[:, k], change[-1, k]), color=colour, lw=2.0)
     _finish(axis, trace, end_s)
     low, high = axis.get_ylim()
-    places = _spread(change[-1], LABEL_GAP * (high - low))
+    places = _spread(change[-1], min(LABEL_GAP, 1.0 / len(trace.links)) * (high - low))
     for k in range(len(trace.links)):
         axis.annotate(
             _label(trace, k),

@@ -103,7 +103,7 @@ class _Writer:
         if trace.has_truth:
             self._line(HEADLINE, _log10(trace.l2_error_kg, FLOOR_KG), "L2 mass error", colours.HEADLINE_COLOUR, 3.0)
         else:
-            steps = _log10(trace.newton_step_kg, FLOOR_KG)
+            steps = _log10(trace.step_norm_kg, FLOOR_KG)
             self._line(HEADLINE, steps, "Newton step", colours.HEADLINE_COLOUR, 3.0, first=1)
         for k, link in enumerate(trace.links):
             colour = colours.LINK_COLOURS[k % len(colours.LINK_COLOURS)]

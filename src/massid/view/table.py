@@ -11,11 +11,13 @@ def table_markdown(trace: Trace, update: int, result: Result, score: Score | Non
     """Markdown for the moment after an update; 0 is before the first one."""
     heading = _moment(trace, update)
     if score is None:
-        summary = "no truth is known; distances are to the final estimate"
+        summary = "no truth known, so distances to the final estimate"
         columns = "final [kg] | distance [kg]"
     else:
         summary = f"L2 error **{format_kg(float(trace.l2_error_kg[update]))}**"
         columns = "true [kg] | error [kg]"
+    if update == len(trace.updates):
+        summary += f", {result.status}"
     lines = [
         f"{heading}: {summary}",
         "",
@@ -23,8 +25,6 @@ def table_markdown(trace: Trace, update: int, result: Result, score: Score | Non
         "|:--|--:|--:|--:|--:|",
     ]
     lines += [_row(trace, update, k) for k in range(len(trace.links))]
-    if update == len(trace.updates):
-        lines += ["", f"The search ended: {result.status}."]
     return "\n".join(lines)
 
 

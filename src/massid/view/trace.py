@@ -15,8 +15,6 @@ from massid.typing import BoolArray, FloatArray, IntArray
 
 FLOOR_KG = 1e-12
 """Errors below this are rounding; the logarithmic axes end here."""
-LINE_FRACTIONS = (0.0, 0.5, 2.0)
-"""Where the candidates of a window lie on the step of the window before, from p_best to the estimate."""
 FLOOR_MU = 1e-30
 """Scores below this are rounding."""
 
@@ -30,7 +28,7 @@ class Trace:
         estimate_kg: shape (1 + n_updates, n_links).
         reference_kg: the true masses, or the final estimates when there is no truth, shape (n_links,).
         has_truth: which of the two.
-        newton_step_kg: norm of the step that each window predicts, shape (n_updates,).
+        newton_step_kg: step that each window predicts, shape (n_updates, n_links).
         updates: the windows behind the rows.
         identifiable: whether the log reveals each link, shape (n_links,).
         mode: "online" or "offline".
@@ -61,7 +59,7 @@ class Trace:
             estimate_kg=points[:, masses],
             reference_kg=final if score is None else np.array([score.true_kg[link] for link in links]),
             has_truth=score is not None,
-            newton_step_kg=np.linalg.norm(steps, axis=1),
+            newton_step_kg=steps,
             identifiable=result.excitation.identifiable[masses],
             updates=result.windows,
             mode=result.mode,
@@ -89,14 +87,26 @@ class Trace:
         return np.asarray(np.linalg.norm(self.error_kg, axis=1), dtype=np.float64)
 
     @cached_property
+    def step_norm_kg(self) -> FloatArray:
+        """L2 norm of the step that each window predicts, shape (n_updates,)."""
+        return np.asarray(np.linalg.norm(self.newton_step_kg, axis=1), dtype=np.float64)
+
+    @cached_property
     def relative_error(self) -> FloatArray:
-        """|error| as a fraction of the link's mass, shape (1 + n_updates, n_links): what colours the links."""
-        return np.asarray(np.abs(self.error_kg) / self.reference_kg, dtype=np.float64)
+        """|error| as a fraction of the link's mass, shape (1 + n_updates, n_links): what colours the links.
+
+        Without truth the final estimate is no better than the last step that led to it, so that a search which still
+        jumps about never ends in the colour of a good estimate.
+        """
+        error = np.abs(self.error_kg)
+        if not self.has_truth:
+            error = np.maximum(error, np.abs(self.newton_step_kg[-1]))
+        return np.asarray(error / self.reference_kg, dtype=np.float64)
 
     @cached_property
     def roles(self) -> tuple[tuple[Role, ...], ...]:
         """What each model of each window was for."""
-        return tuple(_roles(window, self.updates[k - 1] if k else None) for k, window in enumerate(self.updates))
+        return tuple(window.roles for window in self.updates)
 
     def rows_of(self, update: int, role: Role) -> IntArray:
         """Models of one window that had a role."""
@@ -106,18 +116,3 @@ class Trace:
         """Finite scores of the models of one window that had a role."""
         scores = self.updates[update].mu[self.rows_of(update, role)]
         return np.maximum(scores[np.isfinite(scores)], FLOOR_MU)
-
-
-def _roles(window: WindowResult, before: WindowResult | None) -> tuple[Role, ...]:
-    """Tell the line search's candidates from samples: they lie at known fractions of the step that was taken."""
-    points = window.points
-    roles = [Role.CENTRE] + [Role.SAMPLE] * (len(points) - 1)
-    if before is not None:
-        start = before.points[before.best]
-        step = points[0] - start
-        near = 1e-6 * float(np.max(np.linalg.norm(points - start, axis=1)))
-        for row, fraction in enumerate(LINE_FRACTIONS[: len(points) - 1], start=1):
-            if np.linalg.norm(points[row] - start - fraction * step) > near:
-                break
-            roles[row] = Role.CANDIDATE
-    return tuple(roles)

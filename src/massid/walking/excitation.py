@@ -58,9 +58,7 @@ class Excitation:
         rng: draws frequencies and phases.
     """
 
-    def __init__(
-        self, gait: Gait, model: mujoco.MjModel, morphology: Morphology, rng: np.random.Generator
-    ) -> None:
+    def __init__(self, gait: Gait, model: mujoco.MjModel, morphology: Morphology, rng: np.random.Generator) -> None:
         rooms = np.array([_room(model, int(dof)) for dof in morphology.arm_dofs])
         self._arms = Oscillation(np.minimum(gait.arm_rad, _RANGE_SHARE * rooms), rng)
         self._torso = Oscillation(np.full(3, gait.torso_rad), rng)

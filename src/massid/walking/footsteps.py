@@ -71,9 +71,7 @@ class FootstepPlanner:
         first_side: foot of the first step.
     """
 
-    def __init__(
-        self, gait: Gait, morphology: Morphology, rng: np.random.Generator, first_side: int = LEFT
-    ) -> None:
+    def __init__(self, gait: Gait, morphology: Morphology, rng: np.random.Generator, first_side: int = LEFT) -> None:
         self._gait = gait
         self._rng = rng
         self._scale = morphology.leg_length_m / REFERENCE_LEG_M

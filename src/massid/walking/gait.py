@@ -70,9 +70,7 @@ class Gait:
             if not getattr(self, field) >= 0.0:
                 raise BadInputError(f"Gait '{self.name}': {field} is {getattr(self, field)}; it must not be negative.")
         if self.random_duration >= 0.5:
-            raise BadInputError(
-                f"Gait '{self.name}': random_duration is {self.random_duration}; it must be below 0.5."
-            )
+            raise BadInputError(f"Gait '{self.name}': random_duration is {self.random_duration}; it must be below 0.5.")
 
     def excited(self, arm_rad: float = 0.25, torso_rad: float = 0.08, height_m: float = 0.015) -> Gait:
         """The same gait with arms, torso and height in motion."""

@@ -154,9 +154,7 @@ class WholeBodyQp:
         qacc, forces = x[:nv], FORCE_SCALE * x[nv:]
         torques = state.inertia[6:] @ qacc + state.bias[6:] - stacked[:, 6:].T @ forces
         limits = self._limits
-        return Solution(
-            qacc=qacc, wrenches=forces.reshape(-1, 6), torques=np.clip(torques, -limits, limits)
-        )
+        return Solution(qacc=qacc, wrenches=forces.reshape(-1, 6), torques=np.clip(torques, -limits, limits))
 
     def _cost(
         self,

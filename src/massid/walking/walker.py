@@ -148,9 +148,7 @@ class Walker:
         low = qpos[2] < _FALL_HEIGHT * self._stand_qpos[2]
         return bool(low or up < np.cos(_FALL_TILT_RAD) or not np.isfinite(qpos).all())
 
-    def control(
-        self, time_s: float, qpos: FloatArray, qvel: FloatArray, foot_load_n: FloatArray
-    ) -> FloatArray:
+    def control(self, time_s: float, qpos: FloatArray, qvel: FloatArray, foot_load_n: FloatArray) -> FloatArray:
         """Compute the torques for this instant.
 
         Args:
