@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -21,12 +22,28 @@ class Kind(enum.StrEnum):
     MASS = "mass"
     """Mass of a link; its rotational inertia scales with it, its centre of mass stays."""
     EFFORT_OFFSET = "effort_offset"
-    """Constant error of a joint's torque sensor."""
+    """What a joint's torque sensor reads too much."""
+    EFFORT_GAIN = "effort_gain"
+    """Relative error of a joint's torque sensor: reading = (1 + gain) torque + offset."""
+    WRENCH_OFFSET = "wrench_offset"
+    """What one axis of a contact sensor reads too much; target BODY/AXIS, axes 0-2 force, 3-5 moment."""
+    WRENCH_GAIN = "wrench_gain"
+    """Relative error of one axis of a contact sensor; target BODY/AXIS."""
+    ENCODER_OFFSET = "encoder_offset"
+    """What a joint's encoder reads too much."""
     COEFFICIENT = "coefficient"
     """A number in the right-hand side of a system of one's own, without a unit; robots have none."""
 
 
-UNITS = {Kind.MASS: "kg", Kind.EFFORT_OFFSET: "N m", Kind.COEFFICIENT: "1"}
+UNITS = {
+    Kind.MASS: "kg",
+    Kind.EFFORT_OFFSET: "N m",
+    Kind.EFFORT_GAIN: "1",
+    Kind.WRENCH_OFFSET: "N, N m",
+    Kind.WRENCH_GAIN: "1",
+    Kind.ENCODER_OFFSET: "rad",
+    Kind.COEFFICIENT: "1",
+}
 
 
 @dataclass(frozen=True)
@@ -42,6 +59,8 @@ class Parameter:
         scale: a typical change, in `unit`: samples spread by fractions of it.
         prior_std: standard deviation of the belief before the log is seen; None for no belief.
         requested: whether the user asked for it; the others are nuisances, estimated but not reported first.
+        tangent: enters by the derivative of the output error instead of by identification models of its own; right for
+            what acts linearly, or hardly at all.
     """
 
     kind: Kind
@@ -52,6 +71,7 @@ class Parameter:
     scale: float
     prior_std: float | None = None
     requested: bool = True
+    tangent: bool = False
 
     def __post_init__(self) -> None:
         if not (self.lower < self.upper and self.lower <= self.nominal <= self.upper):
@@ -70,6 +90,22 @@ class Parameter:
     def unit(self) -> str:
         """SI unit of the value."""
         return UNITS[self.kind]
+
+    @classmethod
+    def nuisance(cls, kind: Kind, target: str, prior_std: float, nominal: float = 0.0) -> Parameter:
+        """Something that is not asked for and not exactly known; estimated within eight deviations of its prior."""
+        reach = 8.0 * prior_std
+        return cls(
+            kind=kind,
+            target=target,
+            nominal=nominal,
+            lower=nominal - reach,
+            upper=nominal + reach,
+            scale=prior_std,
+            prior_std=prior_std,
+            requested=False,
+            tangent=True,
+        )
 
     @classmethod
     def mass(cls, link: str, nominal_kg: float) -> Parameter:
@@ -97,9 +133,21 @@ class ParameterSpace:
             raise BadInputError("No parameter to identify: name at least one link.")
         if repeated:
             raise BadInputError(f"Parameters named more than once: {', '.join(repeated)}.")
+        if any(first.tangent and not second.tangent for first, second in pairwise(self.parameters)):
+            raise BadInputError("Parameters that enter by their derivative must come last.")
 
     def __len__(self) -> int:
         return len(self.parameters)
+
+    @property
+    def n_sampled(self) -> int:
+        """Parameters that identification models are sampled in; the others, which come last, are tangents."""
+        return sum(not parameter.tangent for parameter in self.parameters)
+
+    @property
+    def tangents(self) -> tuple[Parameter, ...]:
+        """Parameters that enter by the derivative of the output error."""
+        return self.parameters[self.n_sampled :]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -133,3 +181,8 @@ class ParameterSpace:
     def contains(self, points: FloatArray) -> bool:
         """Whether every point lies in Theta."""
         return bool(np.all((points >= self.lower) & (points <= self.upper)))
+
+    @cached_property
+    def prior_precision(self) -> FloatArray:
+        """Inverse prior variance of each coordinate, 0 where nothing is believed, shape (n_p,)."""
+        return np.array([0.0 if p.prior_std is None else p.prior_std**-2 for p in self.parameters])

@@ -25,16 +25,43 @@ SOLVER_TOLERANCE = 1e-14
 
 
 @dataclass(frozen=True)
+class SensorErrors:
+    """Slow errors of N models' sensors: reading = (1 + gain) quantity + offset; every leading axis is N.
+
+    Attributes:
+        effort_offset: shape (N, n_joints) [N m].
+        effort_gain: shape (N, n_joints).
+        wrench_offset: shape (N, 6 n_contacts) [N, N m].
+        wrench_gain: shape (N, 6 n_contacts).
+        encoder_offset: shape (N, n_joints) [rad].
+    """
+
+    effort_offset: FloatArray
+    effort_gain: FloatArray
+    wrench_offset: FloatArray
+    wrench_gain: FloatArray
+    encoder_offset: FloatArray
+
+    @classmethod
+    def none(cls, n: int, n_joints: int, n_contacts: int) -> SensorErrors:
+        """Perfect sensors."""
+        per_joint, per_axis = (n, n_joints), (n, 6 * n_contacts)
+        return cls(
+            np.zeros(per_joint), np.zeros(per_joint), np.zeros(per_axis), np.zeros(per_axis), np.zeros(per_joint)
+        )
+
+
+@dataclass(frozen=True)
 class Realisation:
     """What N parameter vectors mean for N identification models; every leading axis is N.
 
     Attributes:
         model_fields: MjModel field name -> values, shape (N, *field shape).
-        effort_offset: what the torque sensors read too much, shape (N, n_joints) [N m]; None for nothing.
+        sensors: what the sensors do wrong; None for nothing.
     """
 
     model_fields: Mapping[str, FloatArray]
-    effort_offset: FloatArray | None = None
+    sensors: SensorErrors | None = None
 
 
 @dataclass(frozen=True)
@@ -166,8 +193,8 @@ class Robot:
         """
         return ParameterSpace(tuple(Parameter.mass(link, self.nominal_mass_kg(link)) for link in links))
 
-    def realise(self, space: ParameterSpace, points: FloatArray) -> Realisation:
-        """Translate parameter vectors into model fields.
+    def realise(self, space: ParameterSpace, points: FloatArray, contact_bodies: Sequence[str] = ()) -> Realisation:
+        """Translate parameter vectors into model fields and sensor errors.
 
         A mass scales the rotational inertia of its link with it and leaves the centre of mass, as for a link whose
         density is uncertain.
@@ -175,24 +202,30 @@ class Robot:
         Args:
             space: what each coordinate means.
             points: shape (N, n_p).
+            contact_bodies: bodies whose wrench is measured, in the order of the identification model's controls.
         """
         points = np.atleast_2d(points)
         n = len(points)
         mass = np.repeat(self.model.body_mass[None], n, axis=0)
         inertia = np.repeat(self.model.body_inertia[None], n, axis=0)
-        effort_offset: FloatArray | None = None
-        for column, parameter in enumerate(space.parameters):
-            values = points[:, column]
-            match parameter.kind:
-                case Kind.MASS:
-                    body = self.model.body(parameter.target).id
-                    inertia[:, body] *= (values / mass[:, body])[:, None]
-                    mass[:, body] = values
-                case Kind.EFFORT_OFFSET:
-                    if effort_offset is None:
-                        effort_offset = np.zeros((n, len(self.joint_names)))
-                    effort_offset[:, self.joint_names.index(parameter.target)] = values
-        return Realisation({"body_mass": mass, "body_inertia": inertia}, effort_offset)
+        sensors: SensorErrors | None = None
+        for parameter, values in zip(space.parameters, points.T, strict=True):
+            if parameter.kind is Kind.MASS:
+                body = self.model.body(parameter.target).id
+                inertia[:, body] *= (values / mass[:, body])[:, None]
+                mass[:, body] = values
+                continue
+            sensors = sensors or SensorErrors.none(n, len(self.joint_names), len(contact_bodies))
+            errors: FloatArray = getattr(sensors, parameter.kind.value)
+            errors[:, self.sensor_column(parameter, contact_bodies)] = values
+        return Realisation({"body_mass": mass, "body_inertia": inertia}, sensors)
+
+    def sensor_column(self, parameter: Parameter, contact_bodies: Sequence[str]) -> int:
+        """Column of a sensor error: the joint's number, or six times the contact body's number plus the axis."""
+        if parameter.kind in (Kind.WRENCH_OFFSET, Kind.WRENCH_GAIN):
+            body, _, axis = parameter.target.rpartition("/")
+            return 6 * list(contact_bodies).index(body) + int(axis)
+        return self.joint_names.index(parameter.target)
 
     def model_at(self, space: ParameterSpace, point: FloatArray) -> mujoco.MjModel:
         """Compile a copy of the full model (actuators, contacts) with the parameters of one point in it."""

@@ -24,13 +24,15 @@ DWELL_S = 4.0
 TERMINATION = 0.3
 """c_terminate of Eq. (18)."""
 
-STIFFNESS, DAMPING = 30.0, 15.0
+STIFFNESS, DAMPING = 15.0, 15.0
 THETA = 20.0
 """Theta is the cube |p_i| <= THETA; the paper names none."""
 GAIN = 2.0
 """k of Eq. (17) [1/s], for both states."""
-INPUT = np.array([6.0, 1.0, 1.0, 2.3])
-"""Amplitudes and angular frequencies [rad/s] of the two sines of u."""
+INPUT = np.array([-6.0, 6.0, math.pi / 2.0, 4.0, 3.0 * math.pi / 2.0])
+"""Mean of u, then amplitude and angular frequency [rad/s] of its two sines; they repeat with the dwell time."""
+FORGETTING_RATE = 0.1
+"""lambda of Eq. (6) [1/s]."""
 
 
 def affine_rate(x: Any, p: Any, u: Any, dx: Any) -> None:
@@ -48,7 +50,9 @@ def affine_rate(x: Any, p: Any, u: Any, dx: Any) -> None:
 
 def two_sines(time: float, x: Any, p: Any, settings: Any, u: Any) -> None:
     """u(t), whatever the state and the estimate are."""
-    u[0] = settings[0] * math.sin(settings[1] * time) + settings[2] * math.sin(settings[3] * time)
+    u[0] = (
+        settings[0] + settings[1] * math.sin(settings[2] * time) + settings[3] * math.sin(settings[4] * time)
+    )
 
 
 def affine_space(start: FloatArray = START, theta: float = THETA) -> ParameterSpace:

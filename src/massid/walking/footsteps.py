@@ -69,6 +69,9 @@ class FootstepPlanner:
         morphology: the robot, for its size.
         rng: source of the gait's randomness.
         first_side: foot of the first step.
+
+    Attributes:
+        narrowest_m: smallest lateral distance between the soles' centres that leaves room between the feet.
     """
 
     def __init__(self, gait: Gait, morphology: Morphology, rng: np.random.Generator, first_side: int = LEFT) -> None:
@@ -76,7 +79,7 @@ class FootstepPlanner:
         self._rng = rng
         self._scale = morphology.leg_length_m / REFERENCE_LEG_M
         self._spacing_m = morphology.foot_spacing_m
-        self._narrowest_m = _CLEARANCE_M + sum(sole.half_width_m for sole in morphology.soles)
+        self.narrowest_m = _CLEARANCE_M + sum(sole.half_width_m for sole in morphology.soles)
         self._first_side = first_side
         self._queue: list[Step] = []
         self._taken = 0
@@ -106,7 +109,7 @@ class FootstepPlanner:
         if index == 0:
             forward /= 2
         widening = max(sign * gait.sideways_m, 0.0) + gait.random_sideways_m * abs(draws[1])
-        width = max(self._spacing_m + scale * widening, self._narrowest_m)
+        width = max(self._spacing_m + scale * widening, self.narrowest_m)
         clock = np.sqrt(scale)
         return Step(
             side=side,

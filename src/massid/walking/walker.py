@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import mujoco
@@ -13,7 +13,7 @@ from massid.typing import FloatArray
 from massid.walking.dcm import DcmPiece, ZmpPiece, plan_dcm
 from massid.walking.excitation import Excitation
 from massid.walking.footsteps import LEFT, RIGHT, FootPose, FootstepPlanner, Step
-from massid.walking.gait import Gait
+from massid.walking.gait import REFERENCE_LEG_M, Gait
 from massid.walking.morphology import Morphology, natural_frequency
 from massid.walking.qp import Contact, QpOptions, WholeBodyQp
 from massid.walking.stance import standing_qpos
@@ -24,6 +24,11 @@ from massid.walking.tasks import TaskOptions, Tasks
 _PLANNED_STEPS = 4
 _TOUCHDOWN_AFTER = 0.6
 _LATEST_TOUCHDOWN_S = 0.2
+_LONGEST_WAIT_S = 0.4
+_LIFT_TOLERANCE_M = 0.01
+_ADJUST_UNTIL = 0.8
+_ADJUST_TIME_S = 0.03
+_SINK_M = 0.008
 _FALL_HEIGHT = 0.6
 _FALL_TILT_RAD = 1.0
 
@@ -45,7 +50,7 @@ class WalkerOptions:
         knee_bend_rad: bend of the knees when standing.
         touchdown_share: part of the robot's weight on the swinging foot that counts as touchdown.
         dcm_gain: k of p = p_ref + (1 + k/w)(xi - xi_ref) [1/s].
-        adjust_m: farthest that a landing is moved to catch an error of the DCM.
+        adjust_m: farthest that a landing is moved, forward and sideways, when the sole is too small to correct the DCM.
         tasks: gains and weights of the tasks.
         qp: weights and margins of the programme.
     """
@@ -54,7 +59,7 @@ class WalkerOptions:
     knee_bend_rad: float = 0.65
     touchdown_share: float = 0.025
     dcm_gain: float = 3.0
-    adjust_m: float = 0.0
+    adjust_m: float = 0.12
     tasks: TaskOptions = field(default_factory=TaskOptions)
     qp: QpOptions = field(default_factory=QpOptions)
 
@@ -174,7 +179,8 @@ class Walker:
             self._begin(time_s)
         elapsed = time_s - self._phase_start_s
         if self._phase is Phase.DOUBLE and elapsed >= self._phase_duration_s:
-            self._start_swing(time_s)
+            if self._may_lift() or elapsed >= self._phase_duration_s + _LONGEST_WAIT_S:
+                self._start_swing(time_s)
         elif self._phase is Phase.SINGLE:
             loaded = foot_load_n[self._step.side] > self._options.touchdown_share * self._state.mass_kg * 9.81
             late = elapsed > self._phase_duration_s + _LATEST_TOUCHDOWN_S
@@ -208,7 +214,8 @@ class Walker:
         self._phase = Phase.DOUBLE
         self._phase_start_s, self._phase_duration_s = time_s, duration_s
         stance = self._state.feet[self._stance].level_pose
-        self._piece = self._plan([ZmpPiece(duration_s, zmp, stance.position[:2])], stance)
+        self._pieces = self._plan([ZmpPiece(duration_s, zmp, stance.position[:2])], stance)
+        self._piece = self._pieces[0]
 
     def _start_swing(self, time_s: float) -> None:
         upcoming = self._planner.upcoming(1)
@@ -219,11 +226,13 @@ class Walker:
         self._step = upcoming[0]
         foot = self._state.feet[self._step.side].level_pose
         landing = self._step.landing(stance)
+        landing = replace(landing, position=landing.position - np.array([0.0, 0.0, _SINK_M]))
         self._phase = Phase.SINGLE
         self._phase_start_s, self._phase_duration_s = time_s, self._step.single_support_s
+        self._landing = landing
         self._swing = SwingTrajectory(foot, landing, self._step.single_support_s, self._step.apex_m)
         self._yaw_from, self._yaw_to = _mean_yaw(foot, stance), _mean_yaw(landing, stance)
-        self._piece = self._plan([], stance)
+        self._piece = self._plan([], stance)[0]
         self._planner.take()
 
     def _touch_down(self, time_s: float) -> None:
@@ -233,15 +242,15 @@ class Walker:
         self._yaw_from = self._yaw_to
         self._double(time_s, self._step.double_support_s + early, zmp)
 
-    def _plan(self, pieces: list[ZmpPiece], stance: FootPose) -> DcmPiece:
-        """Plan the coming steps from the stance foot on; returns the first piece."""
+    def _plan(self, pieces: list[ZmpPiece], stance: FootPose) -> list[DcmPiece]:
+        """Plan the coming steps from the stance foot on, after the given pieces."""
         for step in self._planner.upcoming(_PLANNED_STEPS):
             landing = step.landing(stance)
             here, there = stance.position[:2], landing.position[:2]
             pieces.append(ZmpPiece(step.single_support_s, here, here))
             pieces.append(ZmpPiece(step.double_support_s, here, there))
             stance = landing
-        return plan_dcm(pieces, self._frequency)[0]
+        return plan_dcm(pieces, self._frequency)
 
     def _solve(self, time_s: float) -> None:
         state, options, tasks = self._state, self._options, self._tasks
@@ -259,6 +268,7 @@ class Walker:
         yaw = self._yaw_from + fraction * wrap(self._yaw_to - self._yaw_from)
         motions = [tasks.standing_foot(contact.frame) for contact in contacts]
         if swinging:
+            self._adjust_landing(elapsed)
             motions.append(tasks.swinging_foot(state.feet[self._step.side], self._swing.at(elapsed)))
         motions += tasks.trunk(state, yaw, torso)
         solution = self._qp.solve(
@@ -277,16 +287,70 @@ class Walker:
 
     def _wanted_zmp(self, elapsed: float, swinging: bool) -> FloatArray:
         state, frequency = self._state, self._frequency
-        dcm = state.com[:2] + state.com_velocity[:2] / frequency
-        error = dcm - self._piece.dcm_at(elapsed)
+        error = self._dcm() - self._piece.dcm_at(elapsed)
         zmp: FloatArray = self._piece.zmp_at(elapsed) + (1 + self._options.dcm_gain / frequency) * error
         if swinging:
-            foot, sole = state.feet[self._stance], self._morphology.soles[self._stance]
-            axes = foot.rotation[:2, :2]
-            reach = self._options.qp.sole_margin * np.array([sole.half_length_m, sole.half_width_m])
+            foot = state.feet[self._stance]
+            axes, reach = foot.rotation[:2, :2], self._reach(self._stance)
             local = np.clip(axes.T @ (zmp - foot.position[:2]), -reach, reach)
             zmp = foot.position[:2] + axes @ local
         return zmp
+
+    def _adjust_landing(self, elapsed: float) -> None:
+        """Move the landing by the part of the DCM's final error that no zero-moment point in the sole can remove."""
+        remaining = self._phase_duration_s - elapsed
+        if elapsed > _ADJUST_UNTIL * self._phase_duration_s:
+            return
+        state, side = self._state, self._step.side
+        foot = state.feet[self._stance]
+        axes = foot.rotation[:2, :2]
+        shift = self._within_room(self._excess(self._piece, remaining), side, self._landing)
+        moved = self._landing.position.copy()
+        moved[:2] += axes @ shift
+        blend = min(1.0, self._options.control_period_s / _ADJUST_TIME_S)
+        position = self._swing.end.position + blend * (moved - self._swing.end.position)
+        self._swing = replace(self._swing, end=replace(self._swing.end, position=position))
+
+    def _may_lift(self) -> bool:
+        """Tell whether the stance foot alone can catch the DCM, with the next landing moved if need be."""
+        if len(self._pieces) < 2:
+            return True
+        step = self._planner.upcoming(1)[0]
+        excess = self._excess(self._pieces[1], step.single_support_s)
+        landing = step.landing(self._state.feet[self._stance].level_pose)
+        uncaught = excess - self._within_room(excess, step.side, landing)
+        return bool(np.max(np.abs(uncaught)) < _LIFT_TOLERANCE_M)
+
+    def _excess(self, piece: DcmPiece, remaining_s: float) -> FloatArray:
+        """Error of the DCM at a single support's end that no point in the sole can remove [m], in the foot's axes."""
+        foot, reach = self._state.feet[self._stance], self._reach(self._stance)
+        axes = foot.rotation[:2, :2]
+        growth = np.exp(self._frequency * remaining_s)
+        dcm = axes.T @ (self._dcm() - foot.position[:2])
+        wanted = axes.T @ (piece.final_dcm - foot.position[:2])
+        zmp = np.clip((growth * dcm - wanted) / (growth - 1), -reach, reach)
+        excess: FloatArray = growth * dcm - (growth - 1) * zmp - wanted
+        return excess
+
+    def _within_room(self, shift: FloatArray, side: int, landing: FootPose) -> FloatArray:
+        """The part of a landing's shift that the legs and the other foot leave room for [m], in the foot's axes."""
+        limit = self._options.adjust_m * self._morphology.leg_length_m / REFERENCE_LEG_M
+        possible = np.clip(shift, -limit, limit)
+        foot = self._state.feet[self._stance]
+        outward = 1.0 if side == LEFT else -1.0
+        planned = outward * (foot.rotation[:2, :2].T @ (landing.position[:2] - foot.position[:2]))[1]
+        room = max(planned - self._planner.narrowest_m, 0.0)
+        possible[1] = outward * max(outward * possible[1], -room)
+        return possible
+
+    def _dcm(self) -> FloatArray:
+        dcm: FloatArray = self._state.com[:2] + self._state.com_velocity[:2] / self._frequency
+        return dcm
+
+    def _reach(self, side: int) -> FloatArray:
+        """Half extents of the sole that the centre of pressure may use [m], shape (2,)."""
+        sole = self._morphology.soles[side]
+        return self._options.qp.sole_margin * np.array([sole.half_length_m, sole.half_width_m])
 
     def _shares(self, feet: tuple[int, ...], zmp: FloatArray) -> tuple[float, ...]:
         """Part of the weight on each standing foot when the zero-moment point lies between them."""

@@ -1,0 +1,127 @@
+"""Online identification of a simulated system: plant, bank and search in one loop (Section IV-B).
+
+Each dwell window the plant runs under the running estimate, the models run beside it on what is measured, and the
+search, or whatever else asks and tells, moves on. Nothing of a window is kept but what those who score want to see.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from massid.search.bank import Bank
+from massid.search.guided import Iteration, SearchStatus
+from massid.search.monitoring import Monitoring, MonitoringFilter
+from massid.search.proposal import Proposal
+from massid.systems.plant import Plant
+from massid.systems.system import MeasuredBlock
+from massid.typing import FloatArray
+
+
+class Search(Protocol):
+    """What the loop needs of a search: points to simulate, scores back, an estimate for the controller."""
+
+    @property
+    def estimate(self) -> FloatArray:
+        """The current estimate, shape (n_p,)."""
+
+    def ask(self) -> Proposal:
+        """Points to simulate in the next window."""
+
+    def tell(self, monitoring: Monitoring) -> Iteration:
+        """Learn from one window."""
+
+
+@dataclass(frozen=True)
+class OnlineRun:
+    """What came of it.
+
+    Attributes:
+        times_s: end of each window, from the start at 0, shape (1 + n_windows,).
+        estimates: the estimate from each of those times on, shape (1 + n_windows, n_p).
+        iterations: what the search made of each window.
+        motion_times_s: beginning of each step [s], shape (n,); empty unless asked for.
+        motion: states at those times, shape (n, n_x).
+        compute_s: wall time of all of it, plant included [s].
+    """
+
+    times_s: FloatArray
+    estimates: FloatArray
+    iterations: tuple[Iteration, ...]
+    motion_times_s: FloatArray
+    motion: FloatArray
+    compute_s: float
+
+    def errors(self, truth: FloatArray) -> FloatArray:
+        """|p - p*| from each time on, shape (1 + n_windows,)."""
+        return np.asarray(np.linalg.norm(self.estimates - truth, axis=1))
+
+    def windows_until(self, truth: FloatArray, threshold: float) -> int | None:
+        """Windows after which the error stays below a threshold; None if it does not."""
+        above = np.flatnonzero(self.errors(truth) >= threshold)
+        last = int(above[-1]) + 1 if len(above) else 0
+        return last if last < len(self.times_s) else None
+
+
+def score_block(
+    bank: Bank[MeasuredBlock], proposal: Proposal, block: MeasuredBlock, forgetting_rate: float
+) -> Monitoring:
+    """Simulate all points of a proposal over one block, from its beginning."""
+    bank.place(proposal.points)
+    bank.restart(block)
+    scores = MonitoringFilter(bank.n_models, bank.timestep_s, forgetting_rate)
+    scores.update(bank.advance(block))
+    return scores.result(proposal)
+
+
+def run_online(
+    plant: Plant,
+    bank: Bank[MeasuredBlock],
+    search: Search,
+    windows: int,
+    dwell_s: float,
+    forgetting_rate: float,
+    keep_motion: bool = False,
+    stop_when_converged: bool = False,
+) -> OnlineRun:
+    """Search while the plant runs under the running estimate.
+
+    Args:
+        plant: the true system.
+        bank: models of it.
+        search: asks and is told.
+        windows: how many dwell windows.
+        dwell_s: length T of each [s].
+        forgetting_rate: lambda of Eq. (6) [1/s].
+        keep_motion: keep the plant's states for those who draw them.
+        stop_when_converged: end at the termination condition of the search (Eq. 18).
+
+    Raises:
+        BadInputError: the plant left the finite numbers.
+        DivergedBankError: too few models stayed finite.
+    """
+    started = time.perf_counter()
+    times, estimates = [plant.time_s], [search.estimate]
+    iterations, motion_times, motions = [], [], []
+    for _ in range(windows):
+        motion = plant.run(dwell_s, search.estimate)
+        iteration = search.tell(score_block(bank, search.ask(), motion.block, forgetting_rate))
+        iterations.append(iteration)
+        times.append(plant.time_s)
+        estimates.append(search.estimate)
+        if keep_motion:
+            motion_times.append(motion.times_s)
+            motions.append(motion.states)
+        if stop_when_converged and iteration.status is SearchStatus.CONVERGED:
+            break
+    return OnlineRun(
+        times_s=np.array(times),
+        estimates=np.array(estimates),
+        iterations=tuple(iterations),
+        motion_times_s=np.concatenate(motion_times) if motion_times else np.zeros(0),
+        motion=np.concatenate(motions) if motions else np.zeros((0, plant.system.n_x)),
+        compute_s=time.perf_counter() - started,
+    )
