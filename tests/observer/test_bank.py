@@ -9,7 +9,7 @@ from massid.observer.bank import RobotBank
 from massid.observer.injection import InertiaShapedInjection, InjectionGains
 from massid.observer.kernels import correct_state, state_difference
 from massid.observer.replay import ReplayBlock, replay_block, split
-from massid.robot import Robot, write_fields
+from massid.robot import Realisation, Robot, write_fields
 from massid.typing import FloatArray
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
@@ -80,6 +80,10 @@ def test_a_restart_forgets_what_was_before(pushed: Pushed) -> None:
 def test_diverged_models_are_reported_and_the_others_go_on(pushed: Pushed, capfd: pytest.CaptureFixture[str]) -> None:
     class Explosive:
         """Feeds the error back with the wrong sign, far beyond stability, in every model that has an error."""
+
+        carries_belief = False
+
+        def place(self, realisation: Realisation) -> None: ...
 
         def restart(self) -> None: ...
 

@@ -11,7 +11,7 @@ from massid.observer.injection import InertiaShapedInjection, OutputInjection
 from massid.observer.kernels import correct_state, state_difference
 from massid.observer.replay import ReplayBlock
 from massid.parameters import ParameterSpace
-from massid.robot import Robot
+from massid.robot import Robot, SensorErrors
 from massid.search.bank import OutputErrors
 from massid.typing import FloatArray
 
@@ -51,7 +51,8 @@ class RobotBank:
         self._injection: OutputInjection = injection or InertiaShapedInjection(model)
         self._innovation = np.zeros((n_models, 2 * model.nv))
         self._injected = np.zeros((n_models, model.nv))
-        self._effort_offset: FloatArray | None = None
+        self._contact_bodies = tuple(contact_bodies)
+        self._sensors: SensorErrors | None = None
 
     @property
     def n_models(self) -> int:
@@ -65,16 +66,16 @@ class RobotBank:
 
     def place(self, points: FloatArray) -> None:
         """Write the parameters of each model; points has shape (n_models, n_p)."""
-        realisation = self.robot.realise(self.space, points)
+        realisation = self.robot.realise(self.space, points, self._contact_bodies)
         self._engine.write(realisation)
-        self._effort_offset = None
-        if realisation.effort_offset is not None:
-            self._effort_offset = np.zeros_like(self._engine.force)
-            self._effort_offset[:, self.robot.layout.joint_dof] = realisation.effort_offset
+        self._injection.place(realisation)
+        self._sensors = realisation.sensors
 
     def restart(self, block: ReplayBlock) -> None:
         """Set every model to the first measured state of the block."""
         self._engine.restart(block.qpos[0], block.qvel[0])
+        if self._sensors is not None:
+            self._engine.qpos[:, self.robot.layout.joint_qpos] -= self._sensors.encoder_offset
         self._injection.restart()
         self._innovation[:] = 0.0
 
@@ -90,17 +91,29 @@ class RobotBank:
                 if gains.state is not None:
                     correct_state(engine.qpos, engine.qvel, innovation @ gains.state[k].T, *addresses)
                 engine.force[:] = block.effort[k]
-                if self._effort_offset is not None:
-                    np.subtract(engine.force, self._effort_offset, out=engine.force)
+                engine.wrench[:] = block.wrench[k]
+                if self._sensors is not None:
+                    self._correct_inputs(self._sensors)
                 if gains.force is not None:
                     np.matmul(innovation, gains.force[k].T, out=injected)
                     np.add(engine.force, injected, out=engine.force)
-                engine.wrench[:] = block.wrench[k]
                 engine.step()
                 state_difference(engine.qpos, engine.qvel, block.qpos[k + 1], block.qvel[k + 1], *addresses, innovation)
+                if self._sensors is not None:
+                    innovation[:, layout.joint_dof] -= self._sensors.encoder_offset
                 np.negative(innovation, out=errors[k])
             if gains.whitener.ndim == 1:
                 errors *= gains.whitener
             else:
                 errors = np.einsum("kni,kyi->kny", errors, gains.whitener)
-        return OutputErrors(values=errors.transpose(1, 0, 2), diverged=engine.diverged())
+        return OutputErrors(
+            values=errors.transpose(1, 0, 2),
+            diverged=engine.diverged(),
+            tangents=None if gains.tangents is None else gains.tangents.transpose(1, 0, 2),
+        )
+
+    def _correct_inputs(self, sensors: SensorErrors) -> None:
+        """Take the sensors' errors out of the inputs."""
+        engine, dof = self._engine, self.robot.layout.joint_dof
+        engine.force[:, dof] = (engine.force[:, dof] - sensors.effort_offset) / (1.0 + sensors.effort_gain)
+        engine.wrench[:] = (engine.wrench - sensors.wrench_offset) / (1.0 + sensors.wrench_gain)

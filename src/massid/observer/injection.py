@@ -8,12 +8,13 @@ errors are weighted in the monitoring signal. At p = p* the innovation is zero a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import mujoco
 import numpy as np
 
 from massid.observer.replay import ReplayBlock
+from massid.robot import Realisation
 from massid.typing import FloatArray
 
 
@@ -27,15 +28,23 @@ class InjectionGains:
             when the state is left to the dynamics.
         whitener: weight of the output error at the end of each step, shape (n, n_y, 2 nv) or (2 nv,) for a constant
             diagonal; the monitoring signal integrates |whitener y~|^2.
+        tangents: derivatives of whitener y~ by the parameters that have no models, shape (n, n_tangents, n_y).
     """
 
     force: FloatArray | None
     state: FloatArray | None
     whitener: FloatArray
+    tangents: FloatArray | None = None
 
 
 class OutputInjection(Protocol):
     """What a bank needs to know about an injection."""
+
+    carries_belief: ClassVar[bool]
+    """Whether the state belief is carried from one dwell window to the next instead of being reset."""
+
+    def place(self, realisation: Realisation) -> None:
+        """Take notice of the models' new parameters; the first of them is the centre."""
 
     def restart(self) -> None:
         """Forget everything that belongs to the dwell window before."""
@@ -67,6 +76,11 @@ class InertiaShapedInjection:
     position_weight: float = 1.0
     velocity_weight: float = 1.0
     hold_steps: int = 10
+
+    carries_belief: ClassVar[bool] = False
+
+    def place(self, realisation: Realisation) -> None:
+        """The gain keeps the shape of the nominal model."""
 
     def restart(self) -> None:
         """Nothing is carried over: the gain depends on the measured position alone."""

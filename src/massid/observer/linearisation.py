@@ -1,0 +1,132 @@
+"""The step of an identification model, linearised along the measured motion by the engine's own finite differences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numba import njit
+
+from massid.observer.replay import ReplayBlock
+from massid.robot import JointLayout, Realisation, write_fields
+from massid.typing import FloatArray, IntArray
+
+FINITE_DIFFERENCE = 1e-6
+
+
+@dataclass(frozen=True)
+class StepLinearisation:
+    """x+ = transition x + from_effort tau + from_wrench f, in the tangent space of (q, qd).
+
+    Attributes:
+        transition: shape (2 nv, 2 nv).
+        from_effort: shape (2 nv, n_joints).
+        from_wrench: shape (2 nv, 6 n_contacts).
+        from_force: effect of any generalised force, shape (2 nv, nv).
+    """
+
+    transition: FloatArray
+    from_effort: FloatArray
+    from_wrench: FloatArray
+    from_force: FloatArray
+
+
+class Lineariser:
+    """Linearises one identification model, whose parameters can be changed.
+
+    Args:
+        model: an identification model; this object takes it over.
+        layout: addresses of the free joint and the one-axis joints.
+    """
+
+    def __init__(self, model: mujoco.MjModel, layout: JointLayout) -> None:
+        self.model = model
+        self._layout = layout
+        self._data = mujoco.MjData(model)
+
+    def place(self, realisation: Realisation) -> None:
+        """Take the parameters of the first of N models."""
+        write_fields(self.model, realisation)
+
+    def step(self, block: ReplayBlock, k: int) -> StepLinearisation:
+        """Linearise the step from sample k of a block, at the measured state and inputs."""
+        model, data, nv = self.model, self._data, self.model.nv
+        self._set(block, k)
+        transition = np.zeros((2 * nv, 2 * nv))
+        from_wrench = np.zeros((2 * nv, model.nu))
+        mujoco.mjd_transitionFD(model, data, FINITE_DIFFERENCE, False, transition, from_wrench, None, None)
+        mujoco.mj_forward(model, data)
+        inertia = np.zeros((nv, nv))
+        mujoco.mj_fullM(model, data, inertia)
+        velocity = np.linalg.inv(inertia) * model.opt.timestep
+        from_force = np.vstack([model.opt.timestep * velocity, velocity])
+        return StepLinearisation(transition, from_force[:, self._layout.joint_dof], from_wrench, from_force)
+
+    def inertial_forces(self, block: ReplayBlock, k: int, bodies: IntArray) -> FloatArray:
+        """Generalised force that each body's own mass and inertia ask for at sample k, shape (nv, n_bodies).
+
+        This is the column of the inverse dynamics that is proportional to the mass, gravity included; the acceleration
+        is that of the model under the measured inputs.
+        """
+        model, data = self.model, self._data
+        self._set(block, k)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        out = np.zeros((model.nv, len(bodies)))
+        _project_inertial(
+            data.cinert, data.cvel, data.cacc, data.cdof, model.body_parentid, model.body_dofadr, model.body_dofnum,
+            bodies, out,
+        )  # fmt: skip
+        return out
+
+    def _set(self, block: ReplayBlock, k: int) -> None:
+        data = self._data
+        data.qpos[:], data.qvel[:] = block.qpos[k], block.qvel[k]
+        data.qfrc_applied[:], data.ctrl[:] = block.effort[k], block.wrench[k]
+
+
+@njit(cache=True)
+def _project_inertial(
+    inertia: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    axes: FloatArray,
+    parent: IntArray,
+    first_dof: IntArray,
+    n_dofs: IntArray,
+    bodies: IntArray,
+    out: FloatArray,
+) -> None:
+    """Project f = I a + v x* I v of single bodies (spatial vectors, rotation first) onto the axes above them."""
+    momentum, force = np.empty(6), np.empty(6)
+    for column in range(bodies.shape[0]):
+        body = bodies[column]
+        v = velocity[body]
+        _times_inertia(inertia[body], v, momentum)
+        _times_inertia(inertia[body], acceleration[body], force)
+        force[0] += -v[2] * momentum[1] + v[1] * momentum[2] - v[5] * momentum[4] + v[4] * momentum[5]
+        force[1] += v[2] * momentum[0] - v[0] * momentum[2] + v[5] * momentum[3] - v[3] * momentum[5]
+        force[2] += -v[1] * momentum[0] + v[0] * momentum[1] - v[4] * momentum[3] + v[3] * momentum[4]
+        force[3] += -v[2] * momentum[4] + v[1] * momentum[5]
+        force[4] += v[2] * momentum[3] - v[0] * momentum[5]
+        force[5] += -v[1] * momentum[3] + v[0] * momentum[4]
+        ancestor = body
+        while ancestor > 0:
+            for dof in range(first_dof[ancestor], first_dof[ancestor] + n_dofs[ancestor]):
+                total = 0.0
+                for axis in range(6):
+                    total += axes[dof, axis] * force[axis]
+                out[dof, column] = total
+            ancestor = parent[ancestor]
+
+
+@njit(cache=True)
+def _times_inertia(i: FloatArray, v: FloatArray, out: FloatArray) -> None:
+    """Spatial inertia in the engine's layout (six of the matrix, three of m c, m) times a spatial vector."""
+    out[0] = i[0] * v[0] + i[3] * v[1] + i[4] * v[2] - i[8] * v[4] + i[7] * v[5]
+    out[1] = i[3] * v[0] + i[1] * v[1] + i[5] * v[2] + i[8] * v[3] - i[6] * v[5]
+    out[2] = i[4] * v[0] + i[5] * v[1] + i[2] * v[2] - i[7] * v[3] + i[6] * v[4]
+    out[3] = i[8] * v[1] - i[7] * v[2] + i[9] * v[3]
+    out[4] = i[6] * v[2] - i[8] * v[0] + i[9] * v[4]
+    out[5] = i[7] * v[0] - i[6] * v[1] + i[9] * v[5]

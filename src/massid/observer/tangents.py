@@ -1,0 +1,93 @@
+"""Derivatives of the output error that need no identification models of their own.
+
+Sensor errors and small errors of further masses enter (almost) linearly. Their effect on the model's state obeys the
+error dynamics of the filter itself, z+ = A (z - K (z + e)) + b, with b the direct effect on one step and e that on the
+measurement; one column each, for the price of a matrix product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from massid.observer.linearisation import Lineariser, StepLinearisation
+from massid.observer.replay import ReplayBlock
+from massid.parameters import Kind, Parameter
+from massid.robot import Robot
+from massid.typing import FloatArray, IntArray
+
+
+class TangentFilter:
+    """The columns of all tangent parameters, carried along a walk.
+
+    Args:
+        robot: the robot.
+        tangents: parameters that enter by their derivative.
+        contact_bodies: bodies whose wrench is measured, in the order of the blocks' columns.
+        lineariser: the model at the current estimate.
+    """
+
+    def __init__(
+        self, robot: Robot, tangents: Sequence[Parameter], contact_bodies: Sequence[str], lineariser: Lineariser
+    ) -> None:
+        self._lineariser = lineariser
+        n_v, layout = robot.model.nv, robot.layout
+        columns: dict[Kind, list[int]] = {kind: [] for kind in Kind}
+        sources: dict[Kind, list[int]] = {kind: [] for kind in Kind}
+        for column, parameter in enumerate(tangents):
+            columns[parameter.kind].append(column)
+            if parameter.kind is Kind.MASS:
+                sources[Kind.MASS].append(robot.model.body(parameter.target).id)
+            else:
+                sources[parameter.kind].append(robot.sensor_column(parameter, contact_bodies))
+        self._columns = {kind: _ids(found) for kind, found in columns.items() if found}
+        self._sources = {kind: _ids(found) for kind, found in sources.items() if found}
+        self._joint_dof = layout.joint_dof
+        self._measured: FloatArray = np.zeros((2 * n_v, len(tangents)))
+        if Kind.ENCODER_OFFSET in self._columns:
+            rows = layout.joint_dof[self._sources[Kind.ENCODER_OFFSET]]
+            self._measured[rows, self._columns[Kind.ENCODER_OFFSET]] = 1.0
+        self._state: FloatArray = -self._measured
+
+    @property
+    def count(self) -> int:
+        """Number of columns."""
+        return len(self._state.T)
+
+    def restart(self) -> None:
+        """The state is the measurement, whatever the parameters; only an encoder's offset is in it."""
+        self._state = -self._measured
+
+    def step(self, block: ReplayBlock, k: int, gain: FloatArray, linear: StepLinearisation) -> FloatArray:
+        """Advance by one step; returns the derivative of y^ - y after it, shape (2 nv, n_tangents)."""
+        corrected = self._state - gain @ (self._state + self._measured)
+        self._state = linear.transition @ corrected + self._direct(block, k, linear)
+        return self._state + self._measured
+
+    def _direct(self, block: ReplayBlock, k: int, linear: StepLinearisation) -> FloatArray:
+        """Effect of each parameter on one step: a sensor that reads too much makes the input smaller."""
+        out = np.zeros_like(self._state)
+        torque = block.effort[k, self._joint_dof]
+        for kind, columns in self._columns.items():
+            source = self._sources[kind]
+            match kind:
+                case Kind.EFFORT_OFFSET:
+                    out[:, columns] = -linear.from_effort[:, source]
+                case Kind.EFFORT_GAIN:
+                    out[:, columns] = -linear.from_effort[:, source] * torque[source]
+                case Kind.WRENCH_OFFSET:
+                    out[:, columns] = -linear.from_wrench[:, source]
+                case Kind.WRENCH_GAIN:
+                    out[:, columns] = -linear.from_wrench[:, source] * block.wrench[k, source]
+                case Kind.MASS:
+                    forces = self._lineariser.inertial_forces(block, k, source)
+                    masses = self._lineariser.model.body_mass[source]
+                    out[:, columns] = -linear.from_force @ (forces / masses)
+                case Kind.ENCODER_OFFSET | Kind.COEFFICIENT:
+                    pass
+        return out
+
+
+def _ids(values: Sequence[int]) -> IntArray:
+    return np.asarray(values, dtype=np.int64)
