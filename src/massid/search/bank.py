@@ -21,10 +21,13 @@ class OutputErrors:
     Attributes:
         values: weighted y_hat - y at the end of each step, shape (n_models, n_steps, n_y).
         diverged: models that left the finite numbers, shape (n_models,); their values mean nothing.
+        tangents: derivatives of the centre's values by the parameters that no models are sampled in, shape
+            (n_tangents, n_steps, n_y); None for no such parameters.
     """
 
     values: FloatArray
     diverged: BoolArray
+    tangents: FloatArray | None = None
 
 
 class Bank(Protocol[Block_contra]):

@@ -10,13 +10,15 @@ import numpy as np
 
 from massid.errors import BadInputError
 from massid.parameters import ParameterSpace
-from massid.search.directions import DIRECTIONS, DirectionName
+from massid.search.directions import DIRECTIONS, SECOND_ORDER, DirectionName, GaussNewtonDirection
 from massid.search.gradient import GradientEstimator, estimate_gradient
+from massid.search.line_search import LineSearch
 from massid.search.model_set import ModelSet
 from massid.search.monitoring import Monitoring
 from massid.search.proposal import Proposal
 from massid.search.quadratic import LocalQuadratic
 from massid.search.sampling import Sampling, sample_locally
+from massid.search.scan import choose_scanned, scan_points, scanned_columns
 from massid.typing import FloatArray
 
 
@@ -25,12 +27,16 @@ class SearchOptions:
     """How to search.
 
     Attributes:
-        direction: gauss-newton (second order, from the Gram matrix) or gradient (the paper's).
-        gradient: estimator of the gradient; default gram for gauss-newton, ransac for gradient.
+        direction: gauss-newton (second order, from the Gram matrix), gradient (the paper's) or another.
+        gradient: estimator of the gradient; default gram for second-order directions, ransac for the others.
         sampling: pairs (antithetic), ball or cube.
         radius: first sampling radius, as a fraction of the nominal values; it then follows the steps.
         smallest_radius: the radius never shrinks below this fraction.
         candidates: models of the line search that run beside the centre in the next window.
+        kept: best models of a window that stay in the set for the next one, beside the line search's.
+        scan: parameters whose values are taken from all over Theta in the first window.
+        step_size: alpha of Eq. (9) for first-order directions; 0 takes it from the curvature.
+        largest_step: no coordinate moves by more than this multiple of its scale in one update.
         step_tolerance: converged when the Newton step is below this fraction of every nominal value.
         gradient_tolerance: converged when |grad mu| is below this number (Eq. 18); 0 switches it off.
     """
@@ -41,6 +47,10 @@ class SearchOptions:
     radius: float = 0.1
     smallest_radius: float = 1e-3
     candidates: int = 3
+    kept: int = 0
+    scan: tuple[str, ...] = ()
+    step_size: float = 0.0
+    largest_step: float = np.inf
     step_tolerance: float = 1e-8
     gradient_tolerance: float = 0.0
 
@@ -93,7 +103,7 @@ class GuidedSearch:
         guesses: initial guesses, the first of which gets the local samples; default the nominal values.
 
     Raises:
-        BadInputError: too few models for the parameters, or a guess outside Theta.
+        BadInputError: too few models for the parameters, a guess outside Theta, or a scan of an unknown parameter.
     """
 
     def __init__(
@@ -106,10 +116,11 @@ class GuidedSearch:
     ) -> None:
         self.space = space
         self.options = options or SearchOptions()
-        if n_models < len(space) + 1:
+        n_p = space.n_sampled
+        if n_models < n_p + 1:
             raise BadInputError(
-                f"A bank of {n_models} models serves at most {n_models - 1} unknowns, but {len(space)} are asked for: "
-                f"use at least {len(space) + 1} models, better {3 * len(space) + 3}."
+                f"A bank of {n_models} models serves at most {n_models - 1} unknowns, but {n_p} are asked for: "
+                f"use at least {n_p + 1} models, better {3 * n_p + 3}."
             )
         self._rng = rng or np.random.default_rng(0)
         self._n_models = n_models
@@ -121,7 +132,14 @@ class GuidedSearch:
         self._windows = 0
         self._estimate = starts[0]
         self._models = ModelSet(n_models)
-        self._fill(starts[0], starts[1:])
+        self._direction = DIRECTIONS[self.options.direction](self.options.step_size)
+        self._line_search = LineSearch(self.options.largest_step)
+        self._reach = 0.0  # of the last step, as a multiple of the scales
+        self._scanned = scanned_columns(space, self.options.scan)
+        if len(self._scanned):
+            self._fill_scan(starts)
+        else:
+            self._fill(starts[0], starts[1:])
 
     @property
     def estimate(self) -> FloatArray:
@@ -131,7 +149,8 @@ class GuidedSearch:
     @property
     def n_candidates(self) -> int:
         """Candidates that fit beside the centre and enough samples."""
-        return max(0, min(self.options.candidates, self._n_models - 1 - 2 * len(self.space)))
+        wanted = self.options.candidates + self.options.kept
+        return max(0, min(wanted, self._n_models - 1 - 2 * self.space.n_sampled))
 
     def ask(self) -> Proposal:
         """Points to simulate in the next window; the same until `tell` is called."""
@@ -144,18 +163,57 @@ class GuidedSearch:
             DivergedBankError: too few models stayed finite.
         """
         options = self.options
+        if len(self._scanned) and self._windows == 0:
+            return self._tell_scan(monitoring)
         quadratic = monitoring.local_quadratic()
-        direction = options.direction
-        estimator = options.gradient or ("gram" if direction == "gauss-newton" else "ransac")
+        estimator = options.gradient or ("gram" if options.direction in SECOND_ORDER else "ransac")
         if estimator != "gram":
             quadratic = replace(quadratic, gradient=estimate_gradient(monitoring, estimator, self._rng))
         best = self._models.select_best(monitoring)
+        trusted = _is_trusted(quadratic, monitoring, best)
         quadratic = quadratic.shifted(monitoring.proposal.points[best])
-        step = DIRECTIONS[direction].step(quadratic, self.space)
-        newton_step = DIRECTIONS["gauss-newton"].step(quadratic, self.space)
-        self._estimate = self.space.project(quadratic.centre + step)
-        iteration = Iteration(
-            index=self._windows,
+        newton_step = GaussNewtonDirection().step(quadratic, self.space)
+        if trusted:
+            step = self._direction.step(quadratic, self.space)
+            step = self._line_search.limit(quadratic.centre, step, self.space)
+            self._line_search = self._line_search.widened(options.largest_step)
+        else:
+            step = np.zeros(len(self.space))
+            self._line_search = self._line_search.narrowed(max(self._reach, options.smallest_radius))
+        iteration = self._update(monitoring, best, quadratic, quadratic.centre + step, newton_step)
+        candidates: list[FloatArray] = []
+        if trusted:
+            self._reach = float(np.max(np.abs(step) / self.space.scale))
+            self._radius = float(np.clip(0.5 * self._reach, options.smallest_radius, options.radius))
+            candidates = self._line_search.candidates(quadratic.centre, step, self.space)[: options.candidates]
+        kept = self._models.select_kept(monitoring, options.kept, best)
+        self._fill(self._estimate, [*candidates, *kept])
+        return iteration
+
+    def _tell_scan(self, monitoring: Monitoring) -> Iteration:
+        """Go to the best of the scanned points; what led there runs beside it as candidates."""
+        choice = choose_scanned(monitoring, self._scanned, self.space)
+        quadratic = monitoring.local_quadratic()
+        iteration = self._update(
+            monitoring, choice.best, quadratic, choice.estimate, choice.estimate - quadratic.centre
+        )
+        points = monitoring.proposal.points
+        self._fill(self._estimate, [points[choice.best], points[self._models.select_best(monitoring)]])
+        return iteration
+
+    def _update(
+        self,
+        monitoring: Monitoring,
+        best: int,
+        quadratic: LocalQuadratic,
+        estimate: FloatArray,
+        newton_step: FloatArray,
+    ) -> Iteration:
+        """Move the estimate and write down why."""
+        self._estimate = self.space.project(estimate)
+        self._windows += 1
+        return Iteration(
+            index=self._windows - 1,
             monitoring=monitoring,
             best=best,
             quadratic=quadratic,
@@ -164,12 +222,6 @@ class GuidedSearch:
             radius=self._radius,
             status=self._status(quadratic, newton_step),
         )
-        self._windows += 1
-        reach = float(np.max(np.abs(step) / self.space.scale))
-        self._radius = float(np.clip(0.5 * reach, options.smallest_radius, options.radius))
-        line = [quadratic.centre, quadratic.centre + 0.5 * step, quadratic.centre + 2.0 * step]
-        self._fill(self._estimate, [self.space.project(point) for point in line])
-        return iteration
 
     def _status(self, quadratic: LocalQuadratic, newton_step: FloatArray) -> SearchStatus:
         small_step = bool(np.all(np.abs(newton_step) <= self.options.step_tolerance * self.space.scale))
@@ -185,3 +237,30 @@ class GuidedSearch:
         self._models.insert_samples(
             sample_locally(centre, n_samples, self._radius, self.space, self._rng, self.options.sampling)
         )
+
+    def _fill_scan(self, starts: Sequence[FloatArray]) -> None:
+        """The first window of a scan: the centre, one sample for each direction, everything else over Theta."""
+        n_p = self.space.n_sampled
+        self._models.insert_centre(starts[0])
+        self._models.insert_samples(
+            sample_locally(starts[0], n_p, self._radius, self.space, self._rng, self.options.sampling)
+        )
+        self._models.insert_candidates(starts[1:])
+        rest = self._n_models - 1 - n_p - len(starts[1:])
+        if rest < 1:
+            raise BadInputError(
+                f"A bank of {self._n_models} models leaves none to scan {', '.join(self.options.scan)} with: use at "
+                f"least {n_p + 1 + len(starts)} models."
+            )
+        self._models.insert_candidates(scan_points(self.space, starts[0], self._scanned, rest))
+
+
+def _is_trusted(quadratic: LocalQuadratic, monitoring: Monitoring, best: int) -> bool:
+    """Whether the samples' quadratic reaches as far as p_best: it must not miss what was gained there by all of it.
+
+    Guesses and kept models may lie far from the samples; from such a one the search takes no step, but samples there.
+    """
+    if best == monitoring.proposal.centre:
+        return True
+    gained = float(monitoring.mu[monitoring.proposal.centre] - monitoring.mu[best])
+    return abs(quadratic.at(monitoring.proposal.points[best]) - float(monitoring.mu[best])) <= gained

@@ -15,7 +15,7 @@ class ModelSet:
     """Points with their roles, at most `capacity` of them.
 
     Inferior models are discarded at every update (Algorithm 1, line 9): the set is cleared and keeps, of the window
-    before, only what the line search asks to see again as a candidate.
+    before, what the line search asks to see again as a candidate, and as many of the best models as it is told to.
     """
 
     def __init__(self, capacity: int) -> None:
@@ -52,6 +52,12 @@ class ModelSet:
         """Row of the model with the least mu among centre and candidates (p_best)."""
         rows = np.concatenate([[monitoring.proposal.centre], monitoring.proposal.candidates])
         return int(rows[np.argmin(monitoring.mu[rows])])
+
+    @staticmethod
+    def select_kept(monitoring: Monitoring, count: int, best: int) -> FloatArray:
+        """Points of the models with the least mu, whatever their role, the best one aside; at most count of them."""
+        ranked = [row for row in np.argsort(monitoring.mu) if row != best and not monitoring.diverged[row]]
+        return monitoring.proposal.points[ranked[:count]]
 
     def _insert(self, point: FloatArray, role: Role) -> None:
         if len(self._points) < self._capacity:

@@ -34,6 +34,7 @@ class MonitoringFilter:
     def __init__(self, n_models: int, timestep_s: float, forgetting_rate: float = 0.0) -> None:
         self._timestep_s = timestep_s
         self._rate = forgetting_rate
+        self._n_models = n_models
         self._gram: FloatArray = np.zeros((n_models, n_models))
         self._diverged: BoolArray = np.zeros(n_models, dtype=np.bool_)
         self._samples = 0
@@ -46,13 +47,19 @@ class MonitoringFilter:
         weight = np.sqrt(self._timestep_s * np.exp(-self._rate * age_s))
         weighted = np.where(self._diverged[:, None, None], 0.0, errors.values) * weight[:, None]
         rows = weighted.reshape(n_models, -1)
+        if errors.tangents is not None:
+            rows = np.vstack([rows, (errors.tangents * weight[:, None]).reshape(len(errors.tangents), -1)])
+        if len(self._gram) != len(rows):
+            self._gram = np.zeros((len(rows), len(rows)))
         self._gram *= np.exp(-self._rate * self._timestep_s * n_steps)
         self._gram += rows @ rows.T
         self._samples += errors.values[0].size
 
-    def result(self, proposal: Proposal) -> Monitoring:
-        """Close the window: what the models of a proposal scored."""
-        return Monitoring(proposal=proposal, gram=self._gram.copy(), diverged=self._diverged, samples=self._samples)
+    def result(self, proposal: Proposal, prior: LocalQuadratic | None = None) -> Monitoring:
+        """Close the window: what the models of a proposal scored, on top of what was known before."""
+        return Monitoring(
+            proposal=proposal, gram=self._gram.copy(), diverged=self._diverged, samples=self._samples, prior=prior
+        )
 
 
 @dataclass(frozen=True)
@@ -61,15 +68,18 @@ class Monitoring:
 
     Attributes:
         proposal: the points and what each was for.
-        gram: G, shape (n_models, n_models).
+        gram: G, shape (n_models + n_tangents, n_models + n_tangents); the last rows belong to derivatives of the
+            output error by the last coordinates of the points.
         diverged: models that left the finite numbers, shape (n_models,); never ranked.
         samples: number of scalar output errors behind each entry of G.
+        prior: what is known besides, in units of mu: beliefs, or the windows before; None for nothing.
     """
 
     proposal: Proposal
     gram: FloatArray
     diverged: BoolArray
     samples: int
+    prior: LocalQuadratic | None = None
 
     def __add__(self, other: Monitoring) -> Monitoring:
         """Sum over windows: a model that diverged in one of them is out."""
@@ -78,12 +88,21 @@ class Monitoring:
             gram=self.gram + other.gram,
             diverged=self.diverged | other.diverged,
             samples=self.samples + other.samples,
+            prior=self.prior,
         )
 
     @cached_property
     def mu(self) -> FloatArray:
-        """Monitoring signals, shape (n_models,); inf for diverged models. Lower is better."""
-        return np.where(self.diverged, np.inf, np.diagonal(self.gram))
+        """Monitoring signals plus prior, shape (n_models,); inf for diverged models. Lower is better."""
+        mu = np.where(self.diverged, np.inf, np.diagonal(self.gram)[: len(self.diverged)])
+        if self.prior is not None:
+            mu = mu + np.array([self.prior.at(point) for point in self.proposal.points])
+        return mu
+
+    @property
+    def n_sampled(self) -> int:
+        """Coordinates that models are sampled in."""
+        return int(self.proposal.points.shape[1]) - (len(self.gram) - len(self.diverged))
 
     def require_finite(self) -> None:
         """Check that enough models are left to span every direction around the centre.
@@ -91,7 +110,7 @@ class Monitoring:
         Raises:
             DivergedBankError: the centre, or all but fewer than n_p samples, diverged.
         """
-        n_p = self.proposal.points.shape[1]
+        n_p = self.n_sampled
         finite_samples = int(np.sum(~self.diverged[self.proposal.samples]))
         if self.diverged[self.proposal.centre] or finite_samples < n_p:
             named = ", ".join(str(i) for i in np.flatnonzero(self.diverged))
@@ -102,7 +121,7 @@ class Monitoring:
             )
 
     def local_quadratic(self) -> LocalQuadratic:
-        """Expand mu around the centre to second order (Gauss-Newton), from the models that stayed finite.
+        """Expand mu around the centre to second order (Gauss-Newton), prior included.
 
         With D the samples' offsets from the centre and D+ its pseudo-inverse, the output error is taken as affine,
         y~(p_c + d) = y~_c + J d with J^T = D+ (Y~_samples - y~_c). Then mu = G_cc, its gradient 2 J^T y~_c and its
@@ -111,29 +130,40 @@ class Monitoring:
         Raises:
             DivergedBankError: see `require_finite`.
         """
+        window = self.window_quadratic()
+        return window if self.prior is None else window + self.prior
+
+    def window_quadratic(self) -> LocalQuadratic:
+        """The part of `local_quadratic` that this window brought, from the models that stayed finite.
+
+        Raises:
+            DivergedBankError: see `require_finite`.
+        """
         self.require_finite()
         centre = self.proposal.centre
         samples = self.proposal.samples[~self.diverged[self.proposal.samples]]
-        offsets = self.proposal.points[samples] - self.proposal.points[centre]
+        n_p, n_sampled, n_models = self.proposal.points.shape[1], self.n_sampled, len(self.diverged)
+        offsets = self.proposal.points[samples, :n_sampled] - self.proposal.points[centre, :n_sampled]
         spread = np.sqrt(np.mean(offsets**2, axis=0))
         spread = np.where(spread > 0.0, spread, 1.0)
         inverse = np.linalg.pinv(offsets / spread) / spread[:, None]
-        n_p = offsets.shape[1]
         transform = np.zeros((1 + n_p, len(self.gram)))
         transform[0, centre] = 1.0
-        transform[1:, samples] = inverse
-        transform[1:, centre] = -inverse.sum(axis=1)
+        transform[1 : 1 + n_sampled, samples] = inverse
+        transform[1 : 1 + n_sampled, centre] = -inverse.sum(axis=1)
+        transform[1 + n_sampled :, n_models:] = np.eye(n_p - n_sampled)
         moments = transform @ self.gram @ transform.T
+        information = moments[1 : 1 + n_sampled, 1 : 1 + n_sampled]
         residual = np.zeros((len(samples), len(self.gram)))
         residual[np.arange(len(samples)), samples] = 1.0
-        residual -= np.hstack([np.ones((len(samples), 1)), offsets]) @ transform
+        residual -= np.hstack([np.ones((len(samples), 1)), offsets]) @ transform[: 1 + n_sampled]
         unexplained = np.einsum("ij,jk,ik->i", residual, self.gram, residual)
         return LocalQuadratic(
             centre=self.proposal.points[centre],
             value=float(moments[0, 0]),
             gradient=2.0 * moments[1:, 0],
             curvature=2.0 * moments[1:, 1:],
-            explained=float(np.einsum("ij,jk,ik->i", offsets, moments[1:, 1:], offsets).mean()),
+            explained=float(np.einsum("ij,jk,ik->i", offsets, information, offsets).mean()),
             misfit=float(max(unexplained.mean(), 0.0)),
             samples=self.samples,
         )

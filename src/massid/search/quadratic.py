@@ -31,6 +31,12 @@ class LocalQuadratic:
     misfit: float
     samples: int
 
+    @classmethod
+    def belief(cls, centre: FloatArray, precision: FloatArray) -> LocalQuadratic:
+        """sum(precision (p - centre)^2), minus twice the logarithm of a normal density."""
+        n_p = len(centre)
+        return cls(centre, 0.0, np.zeros(n_p), 2.0 * np.diag(precision), explained=0.0, misfit=0.0, samples=0)
+
     def at(self, point: FloatArray) -> float:
         """Predicted mu at a point."""
         d = point - self.centre

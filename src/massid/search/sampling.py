@@ -35,9 +35,9 @@ def sample_locally(
         sampling: the shape of the vicinity.
 
     Returns:
-        Points of Theta, shape (n_samples, n_p).
+        Points of Theta, shape (n_samples, n_p); coordinates that enter as tangents stay at the centre.
     """
-    n_p = len(space)
+    n_p = space.n_sampled
     match sampling:
         case "pairs":
             offsets = _antithetic(n_samples, n_p, rng)
@@ -47,7 +47,9 @@ def sample_locally(
             offsets = directions * rng.uniform(size=(n_samples, 1)) ** (1.0 / n_p)
         case "cube":
             offsets = rng.uniform(-1.0, 1.0, size=(n_samples, n_p))
-    return space.project(centre + radius * space.scale * offsets)
+    points = np.repeat(centre[None], n_samples, axis=0)
+    points[:, :n_p] += radius * space.scale[:n_p] * offsets
+    return space.project(points)
 
 
 def _antithetic(n_samples: int, n_p: int, rng: np.random.Generator) -> FloatArray:
