@@ -37,6 +37,12 @@ class Excitation:
     condition: float
 
 
+def from_deviations(space: ParameterSpace, std: FloatArray) -> Excitation:
+    """Judge parameters by the standard deviations that a noisy log leaves them, shape (n_p,)."""
+    relative = std / space.scale
+    return Excitation(std, relative < LARGEST_DEVIATION, float(np.max(relative) / max(np.min(relative), 1e-300)) ** 2)
+
+
 def assess_excitation(space: ParameterSpace, curvature: FloatArray, timestep_s: float) -> Excitation:
     """Judge the sum of the windows' Hessians of mu.
 

@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from massid.errors import LogError
-from massid.identify.excitation import assess_excitation
-from massid.identify.online import BLOCK_STEPS, make_bank
+from massid.identify.assembly import Assembly, assemble
+from massid.identify.conclusion import Findings, LogFacts, conclude
+from massid.identify.online import BLOCK_STEPS
 from massid.identify.options import IdentifyOptions
 from massid.identify.progress import Progress, silent
-from massid.identify.result import Result, Status, WindowResult
+from massid.identify.result import Result, WindowResult
+from massid.identify.sensing import resolve_noise, with_nuisances
 from massid.log.walk import Segment, Walk
-from massid.observer.bank import RobotBank
 from massid.observer.replay import replay_block, split
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
-from massid.search.guided import GuidedSearch, SearchStatus
+from massid.search.guided import GuidedSearch, Iteration, SearchStatus
 from massid.search.monitoring import Monitoring, MonitoringFilter
 from massid.search.proposal import Proposal
+
+SETTLED_DECREASE = 1e-3
+"""A noisy log is solved when a step would lower -2 log-likelihood by less, a thirtieth of a standard deviation."""
 
 
 def identify_offline(
@@ -52,50 +57,68 @@ def identify_offline(
             f"{walk.source}: {walk.duration_s:.3g} s of samples do not fill one dwell window of {options.dwell_s} s; "
             "record a longer walk or use a shorter --dwell-s."
         )
+    noise = resolve_noise(walk, options)
+    if noise is not None:
+        space = with_nuisances(space, robot, walk, noise, options)
     search = GuidedSearch(space, options.bank_size, options.search, np.random.default_rng(options.seed))
-    bank = make_bank(robot, space, walk.contact_bodies, walk.timestep_s, options)
+    replay = _Replay(assemble(robot, space, walk.contact_bodies, walk.timestep_s, noise, options), walk, windows)
     trace: list[WindowResult] = []
-    status = Status.NOT_CONVERGED
+    converged = False
     for index in range(options.passes):
-        proposal = search.ask()
-        bank.place(proposal.points)
-        scores: list[Monitoring] = []
-        for k, window in enumerate(windows):
-            scores.append(_run_window(bank, walk, window, proposal, options))
-            progress((index + (k + 1) / len(windows)) / options.passes, f"pass {index + 1}")
+        scores = replay.run(search.ask(), partial(_report, progress, index, options.passes))
         iteration = search.tell(_total(scores))
         trace.append(WindowResult.from_iteration(iteration, walk.duration_s))
-        if iteration.status is SearchStatus.CONVERGED:
-            status = Status.CONVERGED
+        converged = iteration.status is SearchStatus.CONVERGED or (noise is not None and _is_settled(iteration))
+        if converged:
             break
     progress(1.0, "done")
-    excitation = assess_excitation(space, iteration.quadratic.curvature, walk.timestep_s)
-    if not excitation.identifiable.all():
-        status = Status.NOT_IDENTIFIABLE
-    return Result(
-        space=space,
-        estimate=search.estimate,
-        status=status,
-        windows=tuple(trace),
-        excitation=excitation,
-        mode="offline",
-        log_s=walk.duration_s,
-        wall_s=time.perf_counter() - started,
-        warnings=walk.warnings,
-        source=walk.source,
+    parts = () if noise is None else tuple(score.window_quadratic() for score in scores)
+    return conclude(
+        Findings(space, search.estimate, iteration.quadratic.shifted(search.estimate), parts, noise),
+        trace,
+        converged,
+        LogFacts("offline", walk.duration_s, walk.timestep_s, walk.source, walk.warnings),
+        time.perf_counter() - started,
     )
 
 
-def _run_window(
-    bank: RobotBank, walk: Walk, window: Segment, proposal: Proposal, options: IdentifyOptions
-) -> Monitoring:
-    scores = MonitoringFilter(bank.n_models, bank.timestep_s, options.forgetting_rate)
-    for part in split(window, BLOCK_STEPS):
-        block = replay_block(walk, bank.robot.layout, part)
-        if part.start == window.start:
-            bank.restart(block)
-        scores.update(bank.advance(block))
-    return scores.result(proposal)
+def _report(progress: Progress, index: int, passes: int, done: float) -> None:
+    progress((index + done) / passes, f"pass {index + 1}")
+
+
+def _is_settled(iteration: Iteration) -> bool:
+    """Whether the step left to take lowers -2 log-likelihood by next to nothing."""
+    step = iteration.newton_step
+    return 0.5 * float(step @ iteration.quadratic.curvature @ step) < SETTLED_DECREASE
+
+
+class _Replay:
+    """Runs the bank through all windows of a log, pass after pass."""
+
+    def __init__(self, assembly: Assembly, walk: Walk, windows: Sequence[Segment]) -> None:
+        self._assembly = assembly
+        self._walk = walk
+        self._windows = windows
+        self._fresh = {segment.start for segment in walk.segments}
+
+    def run(self, proposal: Proposal, progress: Callable[[float], None]) -> list[Monitoring]:
+        """Score a proposal in every window."""
+        self._assembly.bank.place(proposal.points)
+        scores = []
+        for k, window in enumerate(self._windows):
+            scores.append(self._score(window, proposal))
+            progress((k + 1) / len(self._windows))
+        return scores
+
+    def _score(self, window: Segment, proposal: Proposal) -> Monitoring:
+        bank = self._assembly.bank
+        scores = MonitoringFilter(bank.n_models, bank.timestep_s, self._assembly.forgetting_rate)
+        for part in split(window, BLOCK_STEPS):
+            block = replay_block(self._walk, bank.robot.layout, part)
+            if part.start == window.start and (not bank.carries_belief or window.start in self._fresh):
+                bank.restart(block)
+            scores.update(bank.advance(block))
+        return scores.result(proposal, self._assembly.prior)
 
 
 def _total(scores: Sequence[Monitoring]) -> Monitoring:

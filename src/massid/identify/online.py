@@ -8,34 +8,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from massid.errors import LogError
-from massid.identify.excitation import assess_excitation
+from massid.identify.assembly import assemble
+from massid.identify.conclusion import Findings, LogFacts, conclude
 from massid.identify.options import IdentifyOptions
+from massid.identify.posterior import posterior
 from massid.identify.progress import Progress, silent
-from massid.identify.result import Result, Status, WindowResult
+from massid.identify.result import Result, WindowResult
+from massid.identify.sensing import resolve_noise, with_nuisances
 from massid.log.walk import Sample, Walk
-from massid.observer.bank import RobotBank
-from massid.observer.injection import InertiaShapedInjection
+from massid.noise import SensorNoise
 from massid.observer.replay import SampleBuffer
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
 from massid.search.guided import GuidedSearch, SearchStatus
 from massid.search.monitoring import MonitoringFilter
+from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 
 BLOCK_STEPS = 50
 """Samples that are handed to the bank at a time; the only buffer there is."""
-
-
-def make_bank(
-    robot: Robot, space: ParameterSpace, contact_bodies: Sequence[str], timestep_s: float, options: IdentifyOptions
-) -> RobotBank:
-    """Build the bank of identification models that the options describe."""
-    injection = InertiaShapedInjection(
-        robot.identification_model(contact_bodies), options.bandwidth_rad_s, options.damping_ratio
-    )
-    return RobotBank(
-        robot, space, contact_bodies, options.bank_size, injection, timestep_s=timestep_s, n_threads=options.threads
-    )
 
 
 class OnlineIdentifier:
@@ -47,6 +38,8 @@ class OnlineIdentifier:
         contact_bodies: bodies whose wrench is measured, in the order of the samples' rows.
         timestep_s: sample period [s].
         options: how to identify.
+        noise: sensor noise; None for measurements without noise. (`options.noise` is for logs, which can be looked at
+            before they are used.)
 
     Raises:
         BadInputError: the bank is too small for the parameters.
@@ -60,6 +53,7 @@ class OnlineIdentifier:
         contact_bodies: Sequence[str],
         timestep_s: float,
         options: IdentifyOptions | None = None,
+        noise: SensorNoise | None = None,
     ) -> None:
         self.options = options or IdentifyOptions()
         self.space = space
@@ -67,13 +61,18 @@ class OnlineIdentifier:
         self._search = GuidedSearch(
             space, self.options.bank_size, self.options.search, np.random.default_rng(self.options.seed)
         )
-        self._bank = make_bank(robot, space, contact_bodies, timestep_s, self.options)
+        assembly = assemble(robot, space, contact_bodies, timestep_s, noise, self.options)
+        self._bank, self._belief, self._forgetting_rate = assembly.bank, assembly.prior, assembly.forgetting_rate
         self._window_steps = round(self.options.dwell_s / timestep_s)
         if self._window_steps < 2:
             raise LogError(f"A dwell time of {self.options.dwell_s} s is shorter than two samples of {timestep_s} s.")
         self._buffer = SampleBuffer(robot.layout, len(robot.joint_names), len(contact_bodies), BLOCK_STEPS + 1)
-        self._curvature: FloatArray = np.zeros((len(space), len(space)))
+        self._noise = noise
+        self._information = self._belief or LocalQuadratic.belief(space.nominal, np.zeros(len(space)))
         self._windows: list[WindowResult] = []
+        self._best = 0
+        self._is_first = True
+        self._proposal = self._search.ask()
         self._converged = False
         self._pushed = 0
         self._first_stamp_ns = self._last_stamp_ns = 0
@@ -105,6 +104,7 @@ class OnlineIdentifier:
         elif abs((sample.stamp_ns - self._last_stamp_ns) * 1e-9 - self._timestep_s) > 0.5 * self._timestep_s:
             self._open_window()
             self._buffer.clear()
+            self._is_first = True
         self._last_stamp_ns = sample.stamp_ns
         self._pushed += 1
         self._buffer.append(sample)
@@ -124,45 +124,62 @@ class OnlineIdentifier:
                 f"{source}: {self._pushed} samples of {self._timestep_s} s do not fill one dwell window of "
                 f"{self.options.dwell_s} s; record a longer walk or use a shorter --dwell-s."
             )
-        excitation = assess_excitation(self.space, self._curvature, self._timestep_s)
-        status = Status.CONVERGED if self._converged else Status.NOT_CONVERGED
-        if not excitation.identifiable.all():
-            status = Status.NOT_IDENTIFIABLE
-        return Result(
-            space=self.space,
-            estimate=self.estimate,
-            status=status,
-            windows=tuple(self._windows),
-            excitation=excitation,
-            mode="online",
-            log_s=self._pushed * self._timestep_s,
-            wall_s=time.perf_counter() - self._started,
-            warnings=tuple(warnings),
-            source=source,
+        return conclude(
+            Findings(self.space, self.estimate, self._information, (), self._noise),
+            self._windows,
+            self._converged,
+            LogFacts("online", self._pushed * self._timestep_s, self._timestep_s, source, tuple(warnings)),
+            time.perf_counter() - self._started,
         )
 
     def _open_window(self) -> None:
+        before = self._proposal.points[0]
         self._proposal = self._search.ask()
         self._bank.place(self._proposal.points)
-        self._filter = MonitoringFilter(self.options.bank_size, self._timestep_s, self.options.forgetting_rate)
+        self._tangent_change = (self._proposal.points[0] - before)[self.space.n_sampled :]
+        self._filter = MonitoringFilter(self.options.bank_size, self._timestep_s, self._forgetting_rate)
         self._steps = 0
 
     def _advance(self) -> None:
         block = self._buffer.block()
         if self._steps == 0:
-            self._bank.restart(block)
+            if self._is_first or not self._bank.carries_belief:
+                self._bank.restart(block)
+            else:
+                self._bank.carry_on(self._best, self._tangent_change)
+            self._is_first = False
         self._filter.update(self._bank.advance(block))
         self._steps += len(block)
         self._buffer.keep_last()
 
     def _close_window(self) -> WindowResult:
-        iteration = self._search.tell(self._filter.result(self._proposal))
-        self._curvature = self._curvature + iteration.quadratic.curvature
-        self._converged = iteration.status is SearchStatus.CONVERGED
-        window = WindowResult.from_iteration(iteration, (self._last_stamp_ns - self._first_stamp_ns) * 1e-9)
+        monitoring = self._filter.result(self._proposal, self._belief)
+        iteration = self._search.tell(monitoring)
+        self._best = iteration.best
+        window_quadratic = monitoring.window_quadratic()
+        if self._belief is None:
+            self._information = self._information + window_quadratic
+            self._converged = iteration.status is SearchStatus.CONVERGED
+            std = None
+        else:
+            self._information = self._belief = self._belief + _discounted(window_quadratic, iteration.estimate)
+            std = posterior(self.space, self._belief).std[: self.space.n_sampled]
+        time_s = (self._last_stamp_ns - self._first_stamp_ns) * 1e-9
+        window = WindowResult.from_iteration(iteration, time_s, std)
         self._windows.append(window)
         self._open_window()
         return window
+
+
+def _discounted(window: LocalQuadratic, estimate: FloatArray) -> LocalQuadratic:
+    """Weight a window's information by how far it can be trusted at the estimate that it led to.
+
+    The samples left `misfit` unexplained when they changed mu by `explained`; at the estimate, where mu differs by D
+    from the centre, that is misfit (D / explained)^2 in units of variance, to be added to the 1 that noise is.
+    """
+    offset = estimate - window.centre
+    change = 0.5 * float(offset @ window.curvature @ offset)
+    return window.scaled(1.0 / (1.0 + window.misfit * (change / window.explained) ** 2))
 
 
 def identify_online(
@@ -186,7 +203,11 @@ def identify_online(
         DivergedBankError: too few models stayed finite.
     """
     walk = robot.align(walk)
-    identifier = OnlineIdentifier(robot, space, walk.contact_bodies, walk.timestep_s, options)
+    options = options or IdentifyOptions()
+    noise = resolve_noise(walk, options)
+    if noise is not None:
+        space = with_nuisances(space, robot, walk, noise, options)
+    identifier = OnlineIdentifier(robot, space, walk.contact_bodies, walk.timestep_s, options, noise)
     for k, sample in enumerate(walk.samples(), start=1):
         window = identifier.push(sample)
         if window is not None:

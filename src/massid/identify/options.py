@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 from massid.errors import BadInputError
+from massid.noise import NoisePreset
 from massid.search.guided import SearchOptions
 
 
@@ -19,6 +21,8 @@ class IdentifyOptions:
         damping_ratio: zeta of the output injection.
         forgetting_rate: lambda of the monitoring signal (Eq. 6) [1/s].
         passes: offline only: how often the log is replayed at most.
+        noise: sensor noise of the log: clean, white, realistic or harsh, or auto to read it off the log.
+        other_links: relative standard deviation of the masses of links that are not asked for (noisy logs only).
         threads: worker threads of the bank; 0 for one per processor.
         seed: seeds the sampling; the same seed gives the same result at any number of threads.
         search: how directions and steps are computed.
@@ -30,6 +34,8 @@ class IdentifyOptions:
     damping_ratio: float = 1.0
     forgetting_rate: float = 1.0
     passes: int = 20
+    noise: NoisePreset | Literal["auto"] = "auto"
+    other_links: float = 0.02
     threads: int = 0
     seed: int = 0
     search: SearchOptions = field(default_factory=SearchOptions)
@@ -42,6 +48,7 @@ class IdentifyOptions:
         not_negative = {
             "damping_ratio": self.damping_ratio,
             "forgetting_rate": self.forgetting_rate,
+            "other_links": self.other_links,
             "threads": self.threads,
             "seed": self.seed,
         }

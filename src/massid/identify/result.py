@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import enum
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from massid.errors import BadInputError
 from massid.identify.excitation import Excitation
-from massid.parameters import Kind, ParameterSpace
+from massid.identify.posterior import INTERVAL_95
+from massid.noise import SensorNoise
+from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.search.guided import Iteration
 from massid.search.proposal import Role
 from massid.typing import FloatArray, IntArray
@@ -39,6 +43,7 @@ class WindowResult:
         points: parameters of all models, shape (n_models, n_p).
         roles: what each model was for.
         newton_step: distance to the predicted minimum, shape (n_p,).
+        std: standard deviations at this point, shape (n_p,); None for a log without noise.
         diverged: rows of the models that diverged.
     """
 
@@ -51,22 +56,53 @@ class WindowResult:
     roles: tuple[Role, ...]
     newton_step: FloatArray
     diverged: IntArray
+    std: FloatArray | None = None
 
     @classmethod
-    def from_iteration(cls, iteration: Iteration, time_s: float) -> WindowResult:
-        """Keep what is worth keeping of a search iteration."""
+    def from_iteration(cls, iteration: Iteration, time_s: float, std: FloatArray | None = None) -> WindowResult:
+        """Keep what is worth keeping of a search iteration: of the points, the parameters that were asked for."""
         monitoring = iteration.monitoring
+        asked = slice(monitoring.n_sampled)
         return cls(
             index=iteration.index,
             time_s=time_s,
-            estimate=iteration.estimate,
+            estimate=iteration.estimate[asked],
             mu=monitoring.mu,
             best=iteration.best,
-            points=monitoring.proposal.points,
+            points=monitoring.proposal.points[:, asked],
             roles=monitoring.proposal.roles,
-            newton_step=iteration.newton_step,
+            newton_step=iteration.newton_step[asked],
             diverged=monitoring.diverged.nonzero()[0],
+            std=std,
         )
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What noise leaves uncertain, of the parameters that were asked for.
+
+    Attributes:
+        noise: sensor noise that was assumed or read off the log.
+        covariance: shape (n_p, n_p), in the parameters' units.
+        inflation: factor in it by which the windows' scores scatter more than the noise explains.
+        chi2_per_sample: mean square of the whitened innovations; near 1 if the model explains the log.
+        nuisances: what else was estimated.
+        nuisance_estimate: shape (n_nuisances,).
+        nuisance_std: shape (n_nuisances,).
+    """
+
+    noise: SensorNoise
+    covariance: FloatArray
+    inflation: float
+    chi2_per_sample: float
+    nuisances: tuple[Parameter, ...]
+    nuisance_estimate: FloatArray
+    nuisance_std: FloatArray
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations, shape (n_p,)."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance)))
 
 
 @dataclass(frozen=True)
@@ -79,6 +115,7 @@ class Result:
         status: how it ended.
         windows: every update.
         excitation: what the log reveals of each parameter.
+        uncertainty: covariance and nuisances; None for a log without noise.
         mode: "online" or "offline".
         log_s: time covered by the log [s].
         wall_s: time it took [s].
@@ -96,6 +133,7 @@ class Result:
     wall_s: float
     warnings: tuple[str, ...] = ()
     source: str = "walk"
+    uncertainty: Uncertainty | None = None
 
     @property
     def estimate_kg(self) -> dict[str, float]:
@@ -115,6 +153,37 @@ class Result:
             if parameter.kind is Kind.MASS
         }
 
+    @property
+    def std_kg(self) -> dict[str, float]:
+        """Standard deviation of each link's mass [kg]; empty for a log without noise."""
+        return {} if self.uncertainty is None else self.masses_kg(self.uncertainty.std)
+
+    def _interval(self, link: str, value: float) -> dict[str, Any]:
+        if self.uncertainty is None:
+            return {}
+        std = self.std_kg[link]
+        return {"std_kg": std, "interval95_kg": [value - INTERVAL_95 * std, value + INTERVAL_95 * std]}
+
+    def _uncertainty(self) -> dict[str, Any] | None:
+        found = self.uncertainty
+        if found is None:
+            return None
+        rows = zip(found.nuisances, found.nuisance_estimate.tolist(), found.nuisance_std.tolist(), strict=True)
+        return {
+            "noise": asdict(found.noise),
+            "inflation": found.inflation,
+            "chi2_per_sample": found.chi2_per_sample,
+            "nuisances": {
+                parameter.name: {
+                    "unit": parameter.unit,
+                    "estimate": value,
+                    "std": std,
+                    "prior_std": parameter.prior_std,
+                }
+                for parameter, value, std in rows
+            },
+        }
+
     def to_json(self) -> dict[str, Any]:
         """The result as plain JSON values (schema 1), without any truth."""
         nominal = self.nominal_kg
@@ -122,9 +191,11 @@ class Result:
         return {
             "schema": SCHEMA,
             "links": {
-                link: {"nominal_kg": nominal[link], "estimate_kg": value, "identifiable": bool(identifiable[link])}
+                link: self._interval(link, value)
+                | {"nominal_kg": nominal[link], "estimate_kg": value, "identifiable": bool(identifiable[link])}
                 for link, value in self.estimate_kg.items()
             },
+            "uncertainty": self._uncertainty(),
             "iterations": [
                 {
                     "window": window.index,

@@ -48,7 +48,7 @@ class RobotBank:
             model.opt.timestep = timestep_s
         self._timestep_s = float(model.opt.timestep)
         self._engine = BatchEngine(model, n_models, n_threads)
-        self._injection: OutputInjection = injection or InertiaShapedInjection(model)
+        self._injection: OutputInjection = InertiaShapedInjection(model) if injection is None else injection
         self._innovation = np.zeros((n_models, 2 * model.nv))
         self._injected = np.zeros((n_models, model.nv))
         self._contact_bodies = tuple(contact_bodies)
@@ -78,6 +78,27 @@ class RobotBank:
             self._engine.qpos[:, self.robot.layout.joint_qpos] -= self._sensors.encoder_offset
         self._injection.restart()
         self._innovation[:] = 0.0
+
+    @property
+    def carries_belief(self) -> bool:
+        """Whether windows follow each other by `carry_on` instead of `restart`."""
+        return self._injection.carries_belief
+
+    def carry_on(self, row: int, tangent_change: FloatArray) -> None:
+        """Put all models into the state of one of them, at the end of the window before.
+
+        Args:
+            row: the model to follow.
+            tangent_change: by how much the tangent parameters have changed since then, shape (n_tangents,).
+        """
+        engine, layout = self._engine, self.robot.layout
+        engine.qpos[:], engine.qvel[:] = engine.qpos[row], engine.qvel[row]
+        self._innovation[:] = self._innovation[row]
+        shift = np.repeat(self._injection.state_shift(tangent_change)[None], self.n_models, axis=0)
+        correct_state(
+            engine.qpos, engine.qvel, shift, layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof
+        )
+        self._innovation -= shift
 
     def advance(self, block: ReplayBlock) -> OutputErrors:
         """Run every model through the block; see `OutputErrors`."""

@@ -49,6 +49,9 @@ class OutputInjection(Protocol):
     def restart(self) -> None:
         """Forget everything that belongs to the dwell window before."""
 
+    def state_shift(self, tangent_change: FloatArray) -> FloatArray:
+        """By how much the state would differ, had the tangent parameters been different, shape (2 nv,)."""
+
     def gains(self, block: ReplayBlock) -> InjectionGains:
         """Gains for the samples of the block that comes next."""
 
@@ -84,6 +87,10 @@ class InertiaShapedInjection:
 
     def restart(self) -> None:
         """Nothing is carried over: the gain depends on the measured position alone."""
+
+    def state_shift(self, tangent_change: FloatArray) -> FloatArray:
+        """Nothing: this injection knows no tangents."""
+        return np.zeros(2 * self.model.nv)
 
     def gains(self, block: ReplayBlock) -> InjectionGains:
         """Gains at the measured positions of the block."""

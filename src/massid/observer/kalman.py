@@ -5,7 +5,8 @@ independent, with a known covariance S; weighted by S^-1/2 and squared, their su
 the parameters, so the minimum of mu is the maximum-likelihood estimate and half its Hessian the Fisher information.
 
 The error state (q, qd) in the tangent space of the measurement follows x+ = A x + B_f w_f + B_tau w_tau with wrench
-noise w_f and torque noise w_tau; the matrices come from finite differences of the engine's own step, at the measured states.
+noise w_f and torque noise w_tau; the matrices come from finite differences of the engine's own step, at the measured
+states.
 """
 
 from __future__ import annotations
@@ -73,6 +74,12 @@ class KalmanInjection:
         self._gain = np.zeros_like(self._covariance)
         if self._tangents:
             self._tangents.restart()
+
+    def state_shift(self, tangent_change: FloatArray) -> FloatArray:
+        """By how much the state would differ, had the tangent parameters been different, shape (2 nv,)."""
+        if self._tangents is None:
+            return np.zeros_like(self._variance)
+        return self._tangents.state @ tangent_change
 
     def gains(self, block: ReplayBlock) -> InjectionGains:
         """Gains for the samples of a block, whiteners and tangents for the errors after each of its steps.

@@ -55,6 +55,11 @@ class TangentFilter:
         """Number of columns."""
         return len(self._state.T)
 
+    @property
+    def state(self) -> FloatArray:
+        """Derivative of the model's state by each tangent parameter, shape (2 nv, n_tangents)."""
+        return self._state
+
     def restart(self) -> None:
         """The state is the measurement, whatever the parameters; only an encoder's offset is in it."""
         self._state = -self._measured

@@ -198,6 +198,7 @@ class GuidedSearch:
             monitoring, choice.best, quadratic, choice.estimate, choice.estimate - quadratic.centre
         )
         points = monitoring.proposal.points
+        self._reach = float(np.max(np.abs(self._estimate - points[choice.best]) / self.space.scale))
         self._fill(self._estimate, [points[choice.best], points[self._models.select_best(monitoring)]])
         return iteration
 

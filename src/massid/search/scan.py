@@ -87,10 +87,11 @@ def choose_scanned(monitoring: Monitoring, columns: IntArray, space: ParameterSp
     monitoring.require_finite()
     proposal, gram = monitoring.proposal, monitoring.gram
     samples = proposal.samples[~monitoring.diverged[proposal.samples]]
-    inverse = np.linalg.pinv(proposal.points[samples] - proposal.points[proposal.centre])
+    sampled = slice(monitoring.n_sampled)
+    inverse = np.linalg.pinv(proposal.points[samples, sampled] - proposal.points[proposal.centre, sampled])
     jacobian = np.zeros((len(space), len(gram)))  # rows of J^T in terms of the models' errors
-    jacobian[:, samples] = inverse
-    jacobian[:, proposal.centre] -= inverse.sum(axis=1)
+    jacobian[sampled, samples] = inverse
+    jacobian[sampled, proposal.centre] -= inverse.sum(axis=1)
     jacobian[columns] = 0.0
     curvature = 2.0 * jacobian @ gram @ jacobian.T
     rows = [row for row in (proposal.centre, *proposal.candidates) if not monitoring.diverged[row]]

@@ -1,0 +1,65 @@
+"""Puts a bank together from options: which injection, which nuisances, which prior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from massid.identify.options import IdentifyOptions
+from massid.noise import SensorNoise
+from massid.observer.bank import RobotBank
+from massid.observer.injection import InertiaShapedInjection, OutputInjection
+from massid.observer.kalman import KalmanInjection
+from massid.observer.linearisation import Lineariser
+from massid.observer.tangents import TangentFilter
+from massid.parameters import ParameterSpace
+from massid.robot import Robot
+from massid.search.quadratic import LocalQuadratic
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """A bank and what goes with it.
+
+    Attributes:
+        bank: the identification models.
+        prior: belief about the nuisances, in units of mu; None for a log without noise.
+        forgetting_rate: lambda of the monitoring signal [1/s]; likelihoods are not forgotten.
+    """
+
+    bank: RobotBank
+    prior: LocalQuadratic | None
+    forgetting_rate: float
+
+
+def assemble(
+    robot: Robot,
+    space: ParameterSpace,
+    contact_bodies: Sequence[str],
+    timestep_s: float,
+    noise: SensorNoise | None,
+    options: IdentifyOptions,
+) -> Assembly:
+    """Build the bank of identification models that options and noise call for.
+
+    Without noise the output injection is inertia-shaped; with noise it is the Kalman gain, and mu is minus twice the
+    logarithm of the likelihood.
+
+    Raises:
+        ModelError: a contact body is not in the model.
+    """
+    model = robot.identification_model(contact_bodies)
+    model.opt.timestep = timestep_s
+    injection: OutputInjection
+    if noise is None:
+        injection = InertiaShapedInjection(model, options.bandwidth_rad_s, options.damping_ratio)
+    else:
+        lineariser = Lineariser(model, robot.layout)
+        tangents = TangentFilter(robot, space.tangents, contact_bodies, lineariser) if space.tangents else None
+        injection = KalmanInjection(lineariser, robot.layout, noise, tangents)
+    bank = RobotBank(
+        robot, space, contact_bodies, options.bank_size, injection, timestep_s=timestep_s, n_threads=options.threads
+    )
+    if noise is None:
+        return Assembly(bank, None, options.forgetting_rate)
+    return Assembly(bank, LocalQuadratic.belief(space.nominal, space.prior_precision), 0.0)

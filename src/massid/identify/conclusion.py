@@ -1,0 +1,95 @@
+"""From the end of a search to a Result: status, verdict and, for a noisy log, uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from massid.identify.excitation import assess_excitation, from_deviations
+from massid.identify.posterior import posterior
+from massid.identify.result import Result, Status, Uncertainty, WindowResult
+from massid.noise import SensorNoise
+from massid.parameters import ParameterSpace
+from massid.search.quadratic import LocalQuadratic
+from massid.typing import FloatArray
+
+SETTLED_DEVIATIONS = 0.5
+"""On a noisy log the search has settled when its last step is smaller than this part of the deviations."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What a search ended with.
+
+    Attributes:
+        space: what was unknown, nuisances included.
+        estimate: shape (n_p,).
+        information: sum of what all windows and the prior say.
+        windows: each window's own part, if it was kept.
+        noise: sensor noise; None for a log without noise.
+    """
+
+    space: ParameterSpace
+    estimate: FloatArray
+    information: LocalQuadratic
+    windows: tuple[LocalQuadratic, ...]
+    noise: SensorNoise | None
+
+
+@dataclass(frozen=True)
+class LogFacts:
+    """What a result says about its log."""
+
+    mode: str
+    log_s: float
+    timestep_s: float
+    source: str
+    warnings: tuple[str, ...]
+
+
+def conclude(
+    findings: Findings, trace: Sequence[WindowResult], converged: bool, log: LogFacts, wall_s: float
+) -> Result:
+    """Judge a search and put everything together."""
+    asked = findings.space.n_sampled
+    space = ParameterSpace(findings.space.parameters[:asked])
+    uncertainty = None
+    if findings.noise is None:
+        curvature = findings.information.curvature[:asked, :asked]
+        excitation = assess_excitation(space, curvature, log.timestep_s)
+    else:
+        uncertainty = _uncertainty(findings, findings.noise)
+        excitation = from_deviations(space, uncertainty.std)
+        converged = bool(np.all(np.abs(trace[-1].newton_step) <= SETTLED_DEVIATIONS * uncertainty.std))
+    status = Status.CONVERGED if converged else Status.NOT_CONVERGED
+    if not excitation.identifiable.all():
+        status = Status.NOT_IDENTIFIABLE
+    return Result(
+        space=space,
+        estimate=findings.estimate[:asked],
+        status=status,
+        windows=tuple(trace),
+        excitation=excitation,
+        mode=log.mode,
+        log_s=log.log_s,
+        wall_s=wall_s,
+        warnings=log.warnings,
+        source=log.source,
+        uncertainty=uncertainty,
+    )
+
+
+def _uncertainty(findings: Findings, noise: SensorNoise) -> Uncertainty:
+    asked = findings.space.n_sampled
+    found = posterior(findings.space, findings.information, findings.windows)
+    return Uncertainty(
+        noise=noise,
+        covariance=found.covariance[:asked, :asked],
+        inflation=found.inflation,
+        chi2_per_sample=found.chi2_per_sample,
+        nuisances=findings.space.tangents,
+        nuisance_estimate=findings.estimate[asked:],
+        nuisance_std=found.std[asked:],
+    )

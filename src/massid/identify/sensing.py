@@ -1,0 +1,99 @@
+"""What the sensors are taken to do: noise levels, given or read off the log, and the nuisances that come with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from massid.identify.options import IdentifyOptions
+from massid.log.walk import Walk
+from massid.noise import PRESETS, SensorNoise
+from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.robot import Robot
+from massid.typing import FloatArray
+
+CLEAN_VELOCITY = 1e-4
+"""A log whose joint velocities have less white noise than this [rad/s] is taken for one without noise."""
+_THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)
+_QUIET_QUANTILE, _QUIET_NORMAL = 0.25, 0.31864
+"""The quarter of the samples that change least, and that quantile of |N(0, 1)|."""
+
+
+def resolve_noise(walk: Walk, options: IdentifyOptions) -> SensorNoise | None:
+    """Noise levels for an identification; None for a log without noise.
+
+    With `auto`, white noise is read off the log and slow errors, which no log shows, are those of `realistic`.
+    """
+    if options.noise == "clean":
+        return None
+    if options.noise != "auto":
+        return PRESETS[options.noise]
+    noise = estimate_white_noise(walk)
+    return None if noise.joint_velocity < CLEAN_VELOCITY else noise
+
+
+def estimate_white_noise(walk: Walk) -> SensorNoise:
+    """Read white noise levels off a log: what is left in third differences of signals that move smoothly.
+
+    Third differences of a signal sampled at 1 kHz vanish next to those of white noise, whose deviation they multiply by
+    sqrt(20). Impacts and steps of a controller disturb few samples; the quarter that changes least tells the level.
+    """
+    return replace(
+        PRESETS["realistic"],
+        joint_position=_level(walk.qpos[:, 7:]),
+        joint_velocity=_level(walk.qvel[:, 6:]),
+        effort=_level(walk.effort),
+        base_position=_level(walk.qpos[:, :3]),
+        base_orientation=_level(_turns(walk.qpos[:, 3:7]), already_differenced=1),
+        base_linear_velocity=_level(walk.qvel[:, :3]),
+        base_angular_velocity=_level(walk.qvel[:, 3:6]),
+        force=_level(walk.wrench[:, :, :3].reshape(len(walk), -1)),
+        moment=_level(walk.wrench[:, :, 3:].reshape(len(walk), -1)),
+    )
+
+
+def nuisances(
+    robot: Robot, walk: Walk, links: Sequence[str], noise: SensorNoise, options: IdentifyOptions
+) -> tuple[Parameter, ...]:
+    """What else is not known: slow errors of every sensor, and the masses of the links that were not asked for."""
+    axes = [f"{body}/{axis}" for body in walk.contact_bodies for axis in range(6)]
+    force_axes = [name for name in axes if name[-1] in "012"]
+    slow: list[tuple[Kind, Sequence[str], float]] = [
+        (Kind.EFFORT_OFFSET, robot.joint_names, noise.effort_offset),
+        (Kind.EFFORT_GAIN, robot.joint_names, noise.effort_gain),
+        (Kind.ENCODER_OFFSET, robot.joint_names, noise.joint_position_offset),
+        (Kind.WRENCH_OFFSET, force_axes, noise.force_offset),
+        (Kind.WRENCH_GAIN, axes, noise.wrench_gain),
+    ]
+    found = [Parameter.nuisance(kind, name, std) for kind, names, std in slow if std > 0.0 for name in names]
+    if options.other_links > 0.0:
+        for link in robot.links:
+            if link not in links:
+                mass_kg = robot.nominal_mass_kg(link)
+                found.append(Parameter.nuisance(Kind.MASS, link, options.other_links * mass_kg, mass_kg))
+    return tuple(found)
+
+
+def with_nuisances(
+    space: ParameterSpace, robot: Robot, walk: Walk, noise: SensorNoise, options: IdentifyOptions
+) -> ParameterSpace:
+    """The parameters asked for, followed by the nuisances."""
+    links = [parameter.target for parameter in space.parameters if parameter.kind is Kind.MASS]
+    return ParameterSpace((*space.parameters, *nuisances(robot, walk, links, noise, options)))
+
+
+def _level(signal: FloatArray, already_differenced: int = 0) -> float:
+    """White noise of a group of channels: the median channel's, or 0 for a constant signal."""
+    differences = np.abs(np.diff(signal, n=3 - already_differenced, axis=0))
+    quiet = np.quantile(differences, _QUIET_QUANTILE, axis=0) / (_QUIET_NORMAL * _THIRD_DIFFERENCE_GAIN)
+    return float(np.median(quiet)) if quiet.size else 0.0
+
+
+def _turns(quaternion: FloatArray) -> FloatArray:
+    """Rotation vectors between consecutive samples, shape (n - 1, 3) [rad]."""
+    first, second = quaternion[:-1], quaternion[1:]
+    w = np.sum(first * second, axis=1)
+    vector = first[:, :1] * second[:, 1:] - second[:, :1] * first[:, 1:] - np.cross(first[:, 1:], second[:, 1:])
+    return np.asarray(2.0 * np.sign(w)[:, None] * vector)
