@@ -10,7 +10,8 @@ from massid.noise import PRESETS
 from massid.observer.bank import RobotBank
 from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
-from massid.observer.replay import replay_block, split
+from massid.observer.noise_bias import InputNoise, NoiseBias
+from massid.observer.replay import replay_block
 from massid.observer.tangents import TangentFilter
 from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.typing import FloatArray
@@ -71,7 +72,10 @@ def _errors(pushed: Pushed, space: ParameterSpace, points: FloatArray):  # type:
     contacts = pushed.walk.contact_bodies
     lineariser = Lineariser(pushed.robot.identification_model(contacts), pushed.robot.layout)
     tangents = TangentFilter(pushed.robot, space.tangents, contacts, lineariser) if space.tangents else None
-    injection = KalmanInjection(lineariser, pushed.robot.layout, PRESETS["white"], tangents)
+    noise = PRESETS["white"]
+    inputs = InputNoise(np.full(8, noise.effort**2), np.tile(noise.wrench_std() ** 2, 2))
+    bias = NoiseBias(pushed.robot, space.parameters, contacts, lineariser, inputs)
+    injection = KalmanInjection(lineariser, pushed.robot.layout, noise, bias, tangents)
     bank = RobotBank(pushed.robot, space, contacts, len(points), injection)
     bank.place(points)
     block = replay_block(pushed.walk, pushed.robot.layout, Segment(500, 701))

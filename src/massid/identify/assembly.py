@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from massid.identify.options import IdentifyOptions
 from massid.noise import SensorNoise
 from massid.observer.bank import RobotBank
 from massid.observer.injection import InertiaShapedInjection, OutputInjection
 from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
+from massid.observer.noise_bias import InputNoise, NoiseBias
 from massid.observer.tangents import TangentFilter
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
@@ -56,7 +59,11 @@ def assemble(
     else:
         lineariser = Lineariser(model, robot.layout)
         tangents = TangentFilter(robot, space.tangents, contact_bodies, lineariser) if space.tangents else None
-        injection = KalmanInjection(lineariser, robot.layout, noise, tangents)
+        inputs = InputNoise(
+            np.full(len(robot.joint_names), noise.effort**2), np.tile(noise.wrench_std() ** 2, len(contact_bodies))
+        )
+        bias = NoiseBias(robot, space.parameters, contact_bodies, lineariser, inputs)
+        injection = KalmanInjection(lineariser, robot.layout, noise, bias, tangents)
     bank = RobotBank(
         robot, space, contact_bodies, options.bank_size, injection, timestep_s=timestep_s, n_threads=options.threads
     )

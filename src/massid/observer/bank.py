@@ -131,6 +131,7 @@ class RobotBank:
             values=errors.transpose(1, 0, 2),
             diverged=engine.diverged(),
             tangents=None if gains.tangents is None else gains.tangents.transpose(1, 0, 2),
+            noise_slope=gains.noise_slope,
         )
 
     def _correct_inputs(self, sensors: SensorErrors) -> None:

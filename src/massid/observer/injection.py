@@ -28,6 +28,7 @@ class InjectionGains:
             when the state is left to the dynamics.
         whitener: weight of the output error at the end of each step, shape (n, n_y, 2 nv) or (2 nv,) for a constant
             diagonal; the monitoring signal integrates |whitener y~|^2.
+        noise_slope: slope of mu over the block that input noise alone causes, by parameter, shape (n_p,).
         tangents: derivatives of whitener y~ by the parameters that have no models, shape (n, n_tangents, n_y).
     """
 
@@ -35,6 +36,7 @@ class InjectionGains:
     state: FloatArray | None
     whitener: FloatArray
     tangents: FloatArray | None = None
+    noise_slope: FloatArray | None = None
 
 
 class OutputInjection(Protocol):

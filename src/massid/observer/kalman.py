@@ -11,6 +11,7 @@ states.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from massid.errors import BadInputError
 from massid.noise import SensorNoise
 from massid.observer.injection import InjectionGains
 from massid.observer.linearisation import Lineariser, StepLinearisation
+from massid.observer.noise_bias import NoiseBias, NoiseSensitivity
 from massid.observer.replay import ReplayBlock
 from massid.observer.tangents import TangentFilter
 from massid.robot import JointLayout, Realisation
@@ -33,6 +35,7 @@ class KalmanInjection:
         lineariser: the identification model at the current estimate.
         layout: addresses of the free joint and the one-axis joints.
         noise: standard deviations of the sensors.
+        bias: what input noise does to the slope of mu.
         tangents: parameters that enter by their derivative; None for none.
         hold_steps: samples for which a linearisation is kept.
 
@@ -47,6 +50,7 @@ class KalmanInjection:
         lineariser: Lineariser,
         layout: JointLayout,
         noise: SensorNoise,
+        bias: NoiseBias,
         tangents: TangentFilter | None = None,
         hold_steps: int = 5,
     ) -> None:
@@ -63,6 +67,8 @@ class KalmanInjection:
         self._effort_std = noise.effort
         self._covariance: FloatArray = np.diag(self._variance)
         self._gain: FloatArray = np.zeros_like(self._covariance)
+        self._bias = bias
+        self._adjoint: FloatArray = np.zeros_like(self._covariance)
 
     def place(self, realisation: Realisation) -> None:
         """Linearise at the centre, the first of the models."""
@@ -72,6 +78,7 @@ class KalmanInjection:
         """Believe the first measurement, with the noise it has."""
         self._covariance = np.diag(self._variance)
         self._gain = np.zeros_like(self._covariance)
+        self._adjoint = np.zeros_like(self._covariance)
         if self._tangents:
             self._tangents.restart()
 
@@ -82,7 +89,7 @@ class KalmanInjection:
         return self._tangents.state @ tangent_change
 
     def gains(self, block: ReplayBlock) -> InjectionGains:
-        """Gains for the samples of a block, whiteners and tangents for the errors after each of its steps.
+        """Gains for the samples of a block; whiteners, tangents and noise slope for the errors after its steps.
 
         The correction at sample k uses the measurement of sample k; the innovation after the step is that of sample
         k + 1, whose covariance is S = P + R.
@@ -91,11 +98,13 @@ class KalmanInjection:
         gains = np.empty((n, n_x, n_x))
         whiteners = np.empty((n, n_x, n_x))
         tangents = np.empty((n, self._tangents.count, n_x)) if self._tangents else None
+        sensitivities = []
         root_h = np.sqrt(self._lineariser.model.opt.timestep)
         for k in range(n):
             if k % self._hold_steps == 0:
                 linear = self._lineariser.step(block, k)
                 process = self._process_noise(linear)
+                sensitivities.append(self._bias.sensitivity(linear))
             gains[k] = self._gain
             predicted = linear.transition @ self._covariance @ linear.transition.T + process
             predicted = 0.5 * (predicted + predicted.T)
@@ -112,7 +121,33 @@ class KalmanInjection:
             scaled = inverse_factor @ predicted
             self._gain = scaled.T @ inverse_factor
             self._covariance = predicted - scaled.T @ scaled
-        return InjectionGains(force=None, state=gains, whitener=whiteners, tangents=tangents)
+        slope = self._noise_slope(gains, whiteners * root_h, sensitivities)
+        return InjectionGains(force=None, state=gains, whitener=whiteners, tangents=tangents, noise_slope=slope)
+
+    def _noise_slope(
+        self, gains: FloatArray, inverse_factors: FloatArray, sensitivities: Sequence[NoiseSensitivity]
+    ) -> FloatArray:
+        """Sum of tr(Lambda dQ/dp) over a block, shape (n_p,).
+
+        The recursion runs backwards; what lies behind the block is taken to be like what lay before it.
+        """
+        n = len(gains)
+        adjoint = self._adjoint
+        total = np.zeros_like(adjoint)
+        slope = None
+        for k in reversed(range(n)):
+            adjoint = inverse_factors[k].T @ inverse_factors[k] + adjoint
+            total += adjoint
+            if k % self._hold_steps == 0:
+                found = sensitivities[k // self._hold_steps].slope(total)
+                slope = found if slope is None else slope + found
+                total = np.zeros_like(adjoint)
+            # What an error before this step becomes after it.
+            transition = sensitivities[k // self._hold_steps].linear.transition
+            forward = transition - transition @ gains[k]
+            adjoint = forward.T @ adjoint @ forward
+        self._adjoint = adjoint
+        return np.asarray(slope)
 
     def _process_noise(self, linear: StepLinearisation) -> FloatArray:
         """Covariance that noisy inputs add in one step, shape (2 nv, 2 nv)."""

@@ -63,6 +63,15 @@ class Lineariser:
         from_force = np.vstack([model.opt.timestep * velocity, velocity])
         return StepLinearisation(transition, from_force[:, self._layout.joint_dof], from_wrench, from_force)
 
+    def mass_matrices(self, bodies: IntArray) -> FloatArray:
+        """Part of the mass matrix that is due to single bodies, at the last linearised sample, (n_bodies, nv, nv)."""
+        model, data = self.model, self._data
+        out = np.zeros((len(bodies), model.nv, model.nv))
+        _body_mass_matrices(
+            data.cinert, data.cdof, model.body_parentid, model.body_dofadr, model.body_dofnum, bodies, out
+        )
+        return out
+
     def inertial_forces(self, block: ReplayBlock, k: int, bodies: IntArray) -> FloatArray:
         """Generalised force that each body's own mass and inertia ask for at sample k, shape (nv, n_bodies).
 
@@ -119,6 +128,35 @@ def _project_inertial(
                     total += axes[dof, axis] * force[axis]
                 out[dof, column] = total
             ancestor = parent[ancestor]
+
+
+@njit(cache=True)
+def _body_mass_matrices(
+    inertia: FloatArray,
+    axes: FloatArray,
+    parent: IntArray,
+    first_dof: IntArray,
+    n_dofs: IntArray,
+    bodies: IntArray,
+    out: FloatArray,
+) -> None:
+    """Write axis^T I axis for all pairs of axes above each body."""
+    momentum = np.empty(6)
+    for index in range(bodies.shape[0]):
+        body = bodies[index]
+        one = body
+        while one > 0:
+            for a in range(first_dof[one], first_dof[one] + n_dofs[one]):
+                _times_inertia(inertia[body], axes[a], momentum)
+                two = body
+                while two > 0:
+                    for b in range(first_dof[two], first_dof[two] + n_dofs[two]):
+                        total = 0.0
+                        for axis in range(6):
+                            total += axes[b, axis] * momentum[axis]
+                        out[index, a, b] = total
+                    two = parent[two]
+            one = parent[one]
 
 
 @njit(cache=True)

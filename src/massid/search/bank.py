@@ -23,11 +23,14 @@ class OutputErrors:
         diverged: models that left the finite numbers, shape (n_models,); their values mean nothing.
         tangents: derivatives of the centre's values by the parameters that no models are sampled in, shape
             (n_tangents, n_steps, n_y); None for no such parameters.
+        noise_slope: slope of mu over the block that noise alone causes, to be taken off its gradient, shape (n_p,);
+            None for none.
     """
 
     values: FloatArray
     diverged: BoolArray
     tangents: FloatArray | None = None
+    noise_slope: FloatArray | None = None
 
 
 class Bank(Protocol[Block_contra]):

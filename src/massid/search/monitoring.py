@@ -10,7 +10,7 @@ with no trajectory stored.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +38,7 @@ class MonitoringFilter:
         self._gram: FloatArray = np.zeros((n_models, n_models))
         self._diverged: BoolArray = np.zeros(n_models, dtype=np.bool_)
         self._samples = 0
+        self._noise_slope: FloatArray = np.zeros(())
 
     def update(self, errors: OutputErrors) -> None:
         """Add a block of output errors, shape (n_models, n_steps, n_y)."""
@@ -54,11 +55,18 @@ class MonitoringFilter:
         self._gram *= np.exp(-self._rate * self._timestep_s * n_steps)
         self._gram += rows @ rows.T
         self._samples += errors.values[0].size
+        if errors.noise_slope is not None:
+            self._noise_slope = self._noise_slope + errors.noise_slope
 
     def result(self, proposal: Proposal, prior: LocalQuadratic | None = None) -> Monitoring:
         """Close the window: what the models of a proposal scored, on top of what was known before."""
         return Monitoring(
-            proposal=proposal, gram=self._gram.copy(), diverged=self._diverged, samples=self._samples, prior=prior
+            proposal=proposal,
+            gram=self._gram.copy(),
+            diverged=self._diverged,
+            samples=self._samples,
+            prior=prior,
+            noise_slope=self._noise_slope,
         )
 
 
@@ -73,6 +81,7 @@ class Monitoring:
         diverged: models that left the finite numbers, shape (n_models,); never ranked.
         samples: number of scalar output errors behind each entry of G.
         prior: what is known besides, in units of mu: beliefs, or the windows before; None for nothing.
+        noise_slope: slope of mu that noise alone causes, shape (n_p,); zero for none.
     """
 
     proposal: Proposal
@@ -80,6 +89,7 @@ class Monitoring:
     diverged: BoolArray
     samples: int
     prior: LocalQuadratic | None = None
+    noise_slope: FloatArray = field(default_factory=lambda: np.zeros(()))
 
     def __add__(self, other: Monitoring) -> Monitoring:
         """Sum over windows: a model that diverged in one of them is out."""
@@ -89,6 +99,7 @@ class Monitoring:
             diverged=self.diverged | other.diverged,
             samples=self.samples + other.samples,
             prior=self.prior,
+            noise_slope=self.noise_slope + other.noise_slope,
         )
 
     @cached_property
@@ -97,6 +108,8 @@ class Monitoring:
         mu = np.where(self.diverged, np.inf, np.diagonal(self.gram)[: len(self.diverged)])
         if self.prior is not None:
             mu = mu + np.array([self.prior.at(point) for point in self.proposal.points])
+        if self.noise_slope.any():
+            mu = mu - (self.proposal.points - self.proposal.points[self.proposal.centre]) @ self.noise_slope
         return mu
 
     @property
@@ -161,7 +174,7 @@ class Monitoring:
         return LocalQuadratic(
             centre=self.proposal.points[centre],
             value=float(moments[0, 0]),
-            gradient=2.0 * moments[1:, 0],
+            gradient=2.0 * moments[1:, 0] - self.noise_slope,
             curvature=2.0 * moments[1:, 1:],
             explained=float(np.einsum("ij,jk,ik->i", offsets, information, offsets).mean()),
             misfit=float(max(unexplained.mean(), 0.0)),
