@@ -10,6 +10,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from massid.identify import Result
+from massid.identify.posterior import INTERVAL_95
 from massid.identify.progress import Progress as ProgressCallback
 from massid.score import Score
 
@@ -46,12 +47,17 @@ def result_table(result: Result, scored: Score | None) -> Table:
     table.add_column("link")
     table.add_column(r"nominal \[kg]", justify="right")
     table.add_column(r"estimate \[kg]", justify="right")
+    std = result.std_kg
+    if std:
+        table.add_column(r"95 % \[kg]", justify="right")
     if scored:
         table.add_column(r"true \[kg]", justify="right")
         table.add_column(r"error \[kg]", justify="right")
     nominal = result.nominal_kg
     for (link, estimate), identifiable in zip(result.estimate_kg.items(), result.excitation.identifiable, strict=True):
         row = [link, f"{nominal[link]:.3f}", f"{estimate:.4f}" if identifiable else "not identifiable"]
+        if std:
+            row.append(f"+-{INTERVAL_95 * std[link]:.3f}" if identifiable else "-")
         if scored:
             row += [f"{scored.true_kg[link]:.4f}", f"{scored.error_kg[link]:+.1e}" if identifiable else "-"]
         table.add_row(*row)

@@ -15,10 +15,6 @@ from massid.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 
-SETTLED_DEVIATIONS = 0.5
-"""On a noisy log the search has settled when its last step is smaller than this part of the deviations."""
-
-
 @dataclass(frozen=True)
 class Findings:
     """What a search ended with.
@@ -29,6 +25,7 @@ class Findings:
         information: sum of what all windows and the prior say.
         windows: each window's own part, if it was kept.
         noise: sensor noise; None for a log without noise.
+        chi2_per_sample: mean square of the last whitened innovations of the centre.
     """
 
     space: ParameterSpace
@@ -36,6 +33,7 @@ class Findings:
     information: LocalQuadratic
     windows: tuple[LocalQuadratic, ...]
     noise: SensorNoise | None
+    chi2_per_sample: float
 
 
 @dataclass(frozen=True)
@@ -62,7 +60,9 @@ def conclude(
     else:
         uncertainty = _uncertainty(findings, findings.noise)
         excitation = from_deviations(space, uncertainty.std)
-        converged = bool(np.all(np.abs(trace[-1].newton_step) <= SETTLED_DEVIATIONS * uncertainty.std))
+        # On a noisy log every window moves the estimate; it has settled when it moves within its own uncertainty.
+        step = trace[-1].newton_step
+        converged = float(step @ np.linalg.solve(uncertainty.covariance, step)) <= len(space)
     status = Status.CONVERGED if converged else Status.NOT_CONVERGED
     if not excitation.identifiable.all():
         status = Status.NOT_IDENTIFIABLE
@@ -88,7 +88,7 @@ def _uncertainty(findings: Findings, noise: SensorNoise) -> Uncertainty:
         noise=noise,
         covariance=found.covariance[:asked, :asked],
         inflation=found.inflation,
-        chi2_per_sample=found.chi2_per_sample,
+        chi2_per_sample=findings.chi2_per_sample,
         nuisances=findings.space.tangents,
         nuisance_estimate=findings.estimate[asked:],
         nuisance_std=found.std[asked:],

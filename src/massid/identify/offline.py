@@ -72,9 +72,11 @@ def identify_offline(
         if converged:
             break
     progress(1.0, "done")
+    total = _total(scores).window_quadratic()
+    chi2_per_sample = total.value / total.samples
     parts = () if noise is None else tuple(score.window_quadratic() for score in scores)
     return conclude(
-        Findings(space, search.estimate, iteration.quadratic.shifted(search.estimate), parts, noise),
+        Findings(space, search.estimate, iteration.quadratic.shifted(search.estimate), parts, noise, chi2_per_sample),
         trace,
         converged,
         LogFacts("offline", walk.duration_s, walk.timestep_s, walk.source, walk.warnings),

@@ -70,9 +70,7 @@ class OnlineIdentifier:
         self._noise = noise
         self._information = self._belief or LocalQuadratic.belief(space.nominal, np.zeros(len(space)))
         self._windows: list[WindowResult] = []
-        self._best = 0
         self._is_first = True
-        self._proposal = self._search.ask()
         self._converged = False
         self._pushed = 0
         self._first_stamp_ns = self._last_stamp_ns = 0
@@ -125,7 +123,7 @@ class OnlineIdentifier:
                 f"{self.options.dwell_s} s; record a longer walk or use a shorter --dwell-s."
             )
         return conclude(
-            Findings(self.space, self.estimate, self._information, (), self._noise),
+            Findings(self.space, self.estimate, self._information, (), self._noise, self._chi2_per_sample),
             self._windows,
             self._converged,
             LogFacts("online", self._pushed * self._timestep_s, self._timestep_s, source, tuple(warnings)),
@@ -133,10 +131,8 @@ class OnlineIdentifier:
         )
 
     def _open_window(self) -> None:
-        before = self._proposal.points[0]
         self._proposal = self._search.ask()
         self._bank.place(self._proposal.points)
-        self._tangent_change = (self._proposal.points[0] - before)[self.space.n_sampled :]
         self._filter = MonitoringFilter(self.options.bank_size, self._timestep_s, self._forgetting_rate)
         self._steps = 0
 
@@ -146,7 +142,7 @@ class OnlineIdentifier:
             if self._is_first or not self._bank.carries_belief:
                 self._bank.restart(block)
             else:
-                self._bank.carry_on(self._best, self._tangent_change)
+                self._bank.carry_on(self._samples)
             self._is_first = False
         self._filter.update(self._bank.advance(block))
         self._steps += len(block)
@@ -155,8 +151,10 @@ class OnlineIdentifier:
     def _close_window(self) -> WindowResult:
         monitoring = self._filter.result(self._proposal, self._belief)
         iteration = self._search.tell(monitoring)
-        self._best = iteration.best
+        samples = self._proposal.samples
+        self._samples = samples[~monitoring.diverged[samples]]
         window_quadratic = monitoring.window_quadratic()
+        self._chi2_per_sample = window_quadratic.value / window_quadratic.samples
         if self._belief is None:
             self._information = self._information + window_quadratic
             self._converged = iteration.status is SearchStatus.CONVERGED

@@ -23,12 +23,10 @@ class Posterior:
         covariance: of all parameters, in their units, shape (n_p, n_p).
         inflation: factor on the covariance by which the scores of the dwell windows scatter more than they should;
             1 when the noise is what it is said to be.
-        chi2_per_sample: mean square of the whitened innovations; 1 when the model explains the log.
     """
 
     covariance: FloatArray
     inflation: float
-    chi2_per_sample: float
 
     @property
     def std(self) -> FloatArray:
@@ -62,9 +60,4 @@ def posterior(space: ParameterSpace, total: LocalQuadratic, windows: Sequence[Lo
         expected = sum(0.5 * profile @ window.curvature @ profile.T for window in windows)
         scatter = np.trace(np.linalg.solve(effective, scores.T @ scores))
         inflation = max(1.0, float(scatter / np.trace(np.linalg.solve(effective, expected))))
-    residual = total.at(total.centre)
-    return Posterior(
-        covariance=inflation * inverse,
-        inflation=inflation,
-        chi2_per_sample=residual / max(total.samples, 1),
-    )
+    return Posterior(covariance=inflation * inverse, inflation=inflation)

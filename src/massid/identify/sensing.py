@@ -19,6 +19,8 @@ CLEAN_VELOCITY = 1e-4
 _THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)
 _QUIET_QUANTILE, _QUIET_NORMAL = 0.25, 0.31864
 """The quarter of the samples that change least, and that quantile of |N(0, 1)|."""
+_FEWEST_FLIPS = 0.65
+"""Third differences of white noise change sign 77 % of the time (correlation -3/4), those of a motion hardly ever."""
 
 
 def resolve_noise(walk: Walk, options: IdentifyOptions) -> SensorNoise | None:
@@ -37,8 +39,9 @@ def resolve_noise(walk: Walk, options: IdentifyOptions) -> SensorNoise | None:
 def estimate_white_noise(walk: Walk) -> SensorNoise:
     """Read white noise levels off a log: what is left in third differences of signals that move smoothly.
 
-    Third differences of a signal sampled at 1 kHz vanish next to those of white noise, whose deviation they multiply by
-    sqrt(20). Impacts and steps of a controller disturb few samples; the quarter that changes least tells the level.
+    Third differences of a motion vanish next to those of white noise, whose deviation they multiply by sqrt(20) and
+    whose sign they keep changing. Impacts and steps of a controller disturb few samples; the quarter that changes least
+    tells the level.
     """
     return replace(
         PRESETS["realistic"],
@@ -85,10 +88,13 @@ def with_nuisances(
 
 
 def _level(signal: FloatArray, already_differenced: int = 0) -> float:
-    """White noise of a group of channels: the median channel's, or 0 for a constant signal."""
-    differences = np.abs(np.diff(signal, n=3 - already_differenced, axis=0))
-    quiet = np.quantile(differences, _QUIET_QUANTILE, axis=0) / (_QUIET_NORMAL * _THIRD_DIFFERENCE_GAIN)
-    return float(np.median(quiet)) if quiet.size else 0.0
+    """White noise of a group of channels: the median channel's, or 0 if that is smooth."""
+    differences = np.diff(signal, n=3 - already_differenced, axis=0)
+    if not differences.size:
+        return 0.0
+    quiet = np.quantile(np.abs(differences), _QUIET_QUANTILE, axis=0) / (_QUIET_NORMAL * _THIRD_DIFFERENCE_GAIN)
+    flips = np.mean(differences[1:] * differences[:-1] < 0.0, axis=0)
+    return float(np.median(np.where(flips > _FEWEST_FLIPS, quiet, 0.0)))
 
 
 def _turns(quaternion: FloatArray) -> FloatArray:

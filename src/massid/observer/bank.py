@@ -13,7 +13,7 @@ from massid.observer.replay import ReplayBlock
 from massid.parameters import ParameterSpace
 from massid.robot import Robot, SensorErrors
 from massid.search.bank import OutputErrors
-from massid.typing import FloatArray
+from massid.typing import FloatArray, IntArray
 
 
 class RobotBank:
@@ -53,6 +53,8 @@ class RobotBank:
         self._injected = np.zeros((n_models, model.nv))
         self._contact_bodies = tuple(contact_bodies)
         self._sensors: SensorErrors | None = None
+        self._points: FloatArray = np.repeat(space.nominal[None], n_models, axis=0)
+        self._points_before = self._points
 
     @property
     def n_models(self) -> int:
@@ -66,6 +68,7 @@ class RobotBank:
 
     def place(self, points: FloatArray) -> None:
         """Write the parameters of each model; points has shape (n_models, n_p)."""
+        self._points_before, self._points = self._points, points.copy()
         realisation = self.robot.realise(self.space, points, self._contact_bodies)
         self._engine.write(realisation)
         self._injection.place(realisation)
@@ -84,21 +87,28 @@ class RobotBank:
         """Whether windows follow each other by `carry_on` instead of `restart`."""
         return self._injection.carries_belief
 
-    def carry_on(self, row: int, tangent_change: FloatArray) -> None:
-        """Put all models into the state of one of them, at the end of the window before.
+    def carry_on(self, samples: IntArray) -> None:
+        """Go on from the window before with the parameters that were placed since, instead of restarting.
+
+        The models of that window show how the state depends on the parameters. Each model starts where it would stand,
+        had it had its new parameters all along; so nothing that the state remembers of the past is lost.
 
         Args:
-            row: the model to follow.
-            tangent_change: by how much the tangent parameters have changed since then, shape (n_tangents,).
+            samples: rows that were samples around the centre, row 0, and did not diverge.
         """
         engine, layout = self._engine, self.robot.layout
-        engine.qpos[:], engine.qvel[:] = engine.qpos[row], engine.qvel[row]
-        self._innovation[:] = self._innovation[row]
-        shift = np.repeat(self._injection.state_shift(tangent_change)[None], self.n_models, axis=0)
-        correct_state(
-            engine.qpos, engine.qvel, shift, layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof
-        )
-        self._innovation -= shift
+        addresses = (layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof)
+        n_sampled = self.space.n_sampled
+        to_centre = np.zeros_like(self._innovation)
+        state_difference(engine.qpos, engine.qvel, engine.qpos[0].copy(), engine.qvel[0].copy(), *addresses, to_centre)
+        offsets = (self._points_before[samples] - self._points_before[0])[:, :n_sampled] / self.space.scale[:n_sampled]
+        by_parameter, *_ = np.linalg.lstsq(offsets, -to_centre[samples])
+        change = self._points - self._points_before[0]
+        shift = (change[:, :n_sampled] / self.space.scale[:n_sampled]) @ by_parameter
+        shift += self._injection.state_shift(change[0, n_sampled:])
+        engine.qpos[:], engine.qvel[:] = engine.qpos[0], engine.qvel[0]
+        self._innovation[:] = self._innovation[0] - shift
+        correct_state(engine.qpos, engine.qvel, shift, *addresses)
 
     def advance(self, block: ReplayBlock) -> OutputErrors:
         """Run every model through the block; see `OutputErrors`."""

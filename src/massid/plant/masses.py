@@ -129,6 +129,11 @@ def _draw(space: ParameterSpace, norm_kg: float, rng: np.random.Generator) -> Fl
         )
     for _ in range(_DRAWS):
         direction = rng.normal(size=len(space))
+        inside = direction * (norm_kg / np.linalg.norm(direction))
+        if np.all((inside >= lower) & (inside <= upper)):
+            return np.asarray(inside)
+    for _ in range(_DRAWS):  # a norm that few directions reach inside the box: follow its faces
+        direction = rng.normal(size=len(space))
         errors = _stretch(direction, norm_kg, lower, upper)
         if errors is not None:
             return errors

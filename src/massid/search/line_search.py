@@ -16,6 +16,7 @@ FAILED_SHARE = 0.25
 """Cap after a failed step, as a share of it; a good step widens the cap by the inverse."""
 
 _MOST_DISCOUNTS = 60
+_NUDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,11 @@ class LineSearch:
     def limit(self, centre: FloatArray, step: FloatArray, space: ParameterSpace) -> FloatArray:
         """Shorten a step to the cap, then by beta until it ends in Theta; zero if it never does.
 
-        A step that leads to the border and no further passes unchanged.
+        A step that leads to the border and no further passes unchanged. What leads out of Theta from its border is
+        dropped first, or a minimum on the border would never be reached.
         """
+        nudged = centre + _NUDGE * np.sign(step) * space.scale
+        step = np.where(space.project(nudged) == nudged, step, 0.0)
         reach = float(np.max(np.abs(step) / space.scale))
         if reach > self.largest_step:
             step = self.largest_step / reach * step

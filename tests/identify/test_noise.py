@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from massid.errors import BadInputError
+from massid.identify import IdentifyOptions, Status, identify_offline, identify_online
+from massid.identify.sensing import estimate_white_noise, resolve_noise
+from massid.log.walk import Walk
+from massid.noise import PRESETS, SensorNoise, Sensors, rotate
+from tests.conftest import Pushed
+from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
+
+WHITE = IdentifyOptions(dwell_s=0.25, noise="white", other_links=0.0)
+
+
+def _measured(pushed: Pushed, preset: str = "white", seed: int = 0) -> Walk:
+    rng = np.random.default_rng(seed)
+    noise = PRESETS[preset]  # type: ignore[index]
+    return Sensors(noise, len(pushed.walk.joint_names), pushed.walk.contact_bodies, rng).measure(pushed.walk)
+
+
+def test_presets_are_ordered_and_clean_is_zero() -> None:
+    for entry in fields(SensorNoise):
+        levels = [getattr(PRESETS[name], entry.name) for name in ("clean", "white", "realistic", "harsh")]
+        assert levels[0] == 0.0
+        assert levels == sorted(levels)
+
+
+def test_clean_sensors_change_nothing(pushed: Pushed) -> None:
+    clean = _measured(pushed, "clean")
+    np.testing.assert_allclose(clean.qpos, pushed.walk.qpos, atol=1e-15)
+    np.testing.assert_array_equal(clean.wrench, pushed.walk.wrench)
+
+
+def test_orientations_are_turned_by_what_is_asked_for() -> None:
+    rng = np.random.default_rng(0)
+    quaternion = rng.normal(size=(50, 4))
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    turned = rotate(quaternion, np.full((50, 3), [0.0, 0.0, 0.01]))
+    cosine = np.abs(np.sum(quaternion * turned, axis=1))
+    np.testing.assert_allclose(2.0 * np.arccos(np.clip(cosine, 0.0, 1.0)), 0.01, rtol=1e-6)
+
+
+def test_white_noise_levels_are_read_off_the_log(pushed: Pushed) -> None:
+    found, true = estimate_white_noise(_measured(pushed)), PRESETS["white"]
+    for name in ("joint_position", "joint_velocity", "effort", "base_position", "base_orientation", "force", "moment"):
+        assert getattr(found, name) == pytest.approx(getattr(true, name), rel=0.25), name
+
+
+@pytest.mark.parametrize("every", [1, 5])
+def test_a_clean_log_is_recognised_at_any_rate(every: int, pushed: Pushed) -> None:
+    rows = {name: getattr(pushed.walk, name)[::every] for name in ("stamps_ns", "qpos", "qvel", "effort", "wrench")}
+    walk = replace(pushed.walk, timestep_s=0.001 * every, segments=(), **rows)
+    assert resolve_noise(walk, IdentifyOptions()) is None
+
+
+def test_an_impossible_noise_level_is_refused() -> None:
+    with pytest.raises(BadInputError, match=r"Noise force is -1\.0; it must not be negative"):
+        SensorNoise(force=-1.0)
+
+
+@pytest.mark.parametrize("identify", [identify_online, identify_offline])
+def test_truth_lies_within_a_few_deviations(identify, pushed: Pushed) -> None:  # type: ignore[no-untyped-def]
+    result = identify(_measured(pushed), pushed.robot, pushed.space, WHITE)
+    assert result.uncertainty is not None
+    deviations = np.abs(result.estimate - pushed.truth) / result.uncertainty.std
+    assert deviations.max() < 4.0
+    assert np.all(result.uncertainty.std < 0.1 * pushed.space.nominal)
+    assert result.status is Status.CONVERGED
+
+
+def test_errors_are_as_large_as_the_deviations_say() -> None:
+    """Over several noisy logs, squared errors in units of the covariance average to one per parameter."""
+    robot = make_robot()
+    space = robot.mass_space(LINKS)
+    truth = draw_truth(space, seed=5, relative_error=0.02)
+    walk = push_about(robot, space, truth, seconds=0.6, seed=2)
+    squares = []
+    for seed in range(6):
+        sensors = Sensors(PRESETS["white"], 8, walk.contact_bodies, np.random.default_rng(seed))
+        result = identify_offline(sensors.measure(walk), robot, space, replace(WHITE, passes=3, dwell_s=0.1))
+        assert result.uncertainty is not None
+        error = result.estimate - truth
+        squares.append(error @ np.linalg.solve(result.uncertainty.covariance, error) / len(space))
+        assert result.uncertainty.chi2_per_sample == pytest.approx(1.0, abs=0.05)
+    assert 0.5 < np.mean(squares) < 1.6  # 42 degrees of freedom: 1 +- 0.22
+
+
+def test_offsets_are_estimated_beside_the_masses(pushed: Pushed) -> None:
+    """A torque sensor that reads 1.5 N m too much on one knee: found as such, and the masses stay right."""
+    walk = _measured(pushed)
+    effort = walk.effort.copy()
+    effort[:, walk.joint_names.index("l_knee")] += 1.5
+    spoilt = replace(walk, effort=effort)
+    result = identify_offline(spoilt, pushed.robot, pushed.space, replace(WHITE, noise="realistic"))
+    assert result.uncertainty is not None
+    names = [parameter.name for parameter in result.uncertainty.nuisances]
+    knee = names.index("effort_offset/l_knee")
+    assert result.uncertainty.nuisance_estimate[knee] > 0.5
+    assert np.abs((result.estimate - pushed.truth) / result.uncertainty.std).max() < 4.0
+
+
+def test_links_that_were_not_asked_for_widen_the_intervals(pushed: Pushed) -> None:
+    space = pushed.robot.mass_space(["torso", "l_thigh"])
+    walk = _measured(pushed)
+    exact = identify_offline(walk, pushed.robot, space, replace(WHITE, passes=3))
+    unsure = identify_offline(walk, pushed.robot, space, replace(WHITE, passes=3, other_links=0.1))
+    assert exact.uncertainty is not None
+    assert unsure.uncertainty is not None
+    one, other = (np.sqrt(np.diagonal(r.covariance) / r.inflation) for r in (exact.uncertainty, unsure.uncertainty))
+    assert np.all(other > one)
+    assert [p.name for p in unsure.uncertainty.nuisances] == [
+        f"mass/{link}" for link in pushed.robot.links if link not in ("torso", "l_thigh")
+    ]
+
+
+def test_json_has_intervals(pushed: Pushed) -> None:
+    document = identify_offline(_measured(pushed), pushed.robot, pushed.space, replace(WHITE, passes=2)).to_json()
+    torso = document["links"]["torso"]
+    low, high = torso["interval95_kg"]
+    assert low < torso["estimate_kg"] < high
+    assert high - low == pytest.approx(2 * 1.96 * torso["std_kg"], rel=1e-3)
