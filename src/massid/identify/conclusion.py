@@ -15,6 +15,7 @@ from massid.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 
+
 @dataclass(frozen=True)
 class Findings:
     """What a search ended with.

@@ -17,6 +17,7 @@ from massid.identify.progress import Progress, silent
 from massid.identify.result import Result, WindowResult
 from massid.identify.sensing import resolve_noise, with_nuisances
 from massid.log.walk import Segment, Walk
+from massid.observer.blas import single_threaded
 from massid.observer.replay import replay_block, split
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
@@ -65,7 +66,8 @@ def identify_offline(
     trace: list[WindowResult] = []
     converged = False
     for index in range(options.passes):
-        scores = replay.run(search.ask(), partial(_report, progress, index, options.passes))
+        with single_threaded():
+            scores = replay.run(search.ask(), partial(_report, progress, index, options.passes))
         iteration = search.tell(_total(scores))
         trace.append(WindowResult.from_iteration(iteration, walk.duration_s))
         converged = iteration.status is SearchStatus.CONVERGED or (noise is not None and _is_settled(iteration))

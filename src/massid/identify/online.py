@@ -17,6 +17,7 @@ from massid.identify.result import Result, WindowResult
 from massid.identify.sensing import resolve_noise, with_nuisances
 from massid.log.walk import Sample, Walk
 from massid.noise import SensorNoise
+from massid.observer.blas import single_threaded
 from massid.observer.replay import SampleBuffer
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
@@ -107,9 +108,11 @@ class OnlineIdentifier:
         self._pushed += 1
         self._buffer.append(sample)
         window_is_full = self._steps + self._buffer.n_steps == self._window_steps
-        if self._buffer.n_steps == BLOCK_STEPS or window_is_full:
+        if self._buffer.n_steps < BLOCK_STEPS and not window_is_full:
+            return None
+        with single_threaded():
             self._advance()
-        return self._close_window() if window_is_full else None
+            return self._close_window() if window_is_full else None
 
     def result(self, source: str = "walk", warnings: Sequence[str] = ()) -> Result:
         """What has been found so far.

@@ -136,7 +136,7 @@ class RobotBank:
             if gains.whitener.ndim == 1:
                 errors *= gains.whitener
             else:
-                errors = np.einsum("kni,kyi->kny", errors, gains.whitener)
+                errors = errors @ gains.whitener.transpose(0, 2, 1)
         return OutputErrors(
             values=errors.transpose(1, 0, 2),
             diverged=engine.diverged(),
