@@ -49,8 +49,12 @@ def identify_offline(
         LogError: the log does not match the robot, or is shorter than one dwell window.
         DivergedBankError: too few models stayed finite.
     """
+    with single_threaded():
+        return _identify(walk, robot, space, options or IdentifyOptions(), progress)
+
+
+def _identify(walk: Walk, robot: Robot, space: ParameterSpace, options: IdentifyOptions, progress: Progress) -> Result:
     started = time.perf_counter()
-    options = options or IdentifyOptions()
     walk = robot.align(walk)
     windows = list(walk.windows(options.dwell_s))
     if not windows:
@@ -66,8 +70,7 @@ def identify_offline(
     trace: list[WindowResult] = []
     converged = False
     for index in range(options.passes):
-        with single_threaded():
-            scores = replay.run(search.ask(), partial(_report, progress, index, options.passes))
+        scores = replay.run(search.ask(), partial(_report, progress, index, options.passes))
         iteration = search.tell(_total(scores))
         trace.append(WindowResult.from_iteration(iteration, walk.duration_s))
         converged = iteration.status is SearchStatus.CONVERGED or (noise is not None and _is_settled(iteration))
