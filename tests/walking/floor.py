@@ -1,6 +1,5 @@
 """A plain simulation for the walker's tests: a robot on a plane, nothing else."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -39,19 +38,6 @@ def error_factors(model: mujoco.MjModel, norm_kg: float, rng: np.random.Generato
             return dict(zip(SEVEN_LINKS, factors.tolist(), strict=True))
 
 
-@dataclass
-class Outcome:
-    """What happened."""
-
-    time_s: float
-    fallen: bool
-    qpos: FloatArray
-    qvel: FloatArray
-    torque: FloatArray
-    foot_load_n: FloatArray
-    zmp: FloatArray
-
-
 class Plant:
     """A robot on a plane, stepped with torques in joint order."""
 
@@ -63,23 +49,14 @@ class Plant:
         feet = [model.body(name).id for name in walker.foot_names]
         self._side = {int(g): i for i, b in enumerate(feet) for g in np.flatnonzero(model.geom_bodyid == b)}
         self._force = np.zeros(6)
-
-    def foot_load(self) -> FloatArray:
-        """Vertical force on each foot [N]."""
-        load = np.zeros(2)
-        for i in range(self.data.ncon):
-            contact = self.data.contact[i]
-            mujoco.mj_contactForce(self.model, self.data, i, self._force)
-            load[self._side[int(contact.geom2)]] += self._force[0]
-        return load
+        self.foot_load_n = np.zeros(2)
 
     def step(self) -> None:
-        """One millisecond."""
+        """One millisecond: torques from the present state and the foot loads of the last step."""
         data = self.data
-        mujoco.mj_step1(self.model, data)
-        torques = self.walker.control(data.time, data.qpos, data.qvel, self.foot_load())
-        data.ctrl[self._motors] = torques
-        mujoco.mj_step2(self.model, data)
+        data.ctrl[self._motors] = self.walker.control(data.time, data.qpos, data.qvel, self.foot_load_n)
+        mujoco.mj_step(self.model, data)
+        self.foot_load_n = self._foot_load()
 
     def run(self, duration_s: float) -> bool:
         """Walk until the duration is over or the robot falls; True if it did not fall."""
@@ -88,3 +65,11 @@ class Plant:
             if self.walker.has_fallen(self.data.qpos):
                 return False
         return True
+
+    def _foot_load(self) -> FloatArray:
+        """Vertical force on each foot [N]."""
+        load = np.zeros(2)
+        for i in range(self.data.ncon):
+            mujoco.mj_contactForce(self.model, self.data, i, self._force)
+            load[self._side[int(self.data.contact[i].geom2)]] += self._force[0]
+        return load

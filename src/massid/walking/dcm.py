@@ -1,6 +1,7 @@
 """Reference of the divergent component of motion over a sequence of linear pieces of the zero-moment point.
 
-The linear inverted pendulum obeys d(xi)/dt = w (xi - p). While p moves with constant velocity v from p0 to p1 in time T,
+The linear inverted pendulum obeys d(xi)/dt = w (xi - p). While p moves with constant velocity v from p0 to p1 in
+time T,
 
     xi(t) = p(t) + v/w + exp(-w (T - t)) (xi1 - p1 - v/w),
 

@@ -71,13 +71,16 @@ class FootstepPlanner:
         first_side: foot of the first step.
 
     Attributes:
+        scale: factor on the gait's lengths.
+        clock: factor on the gait's durations.
         narrowest_m: smallest lateral distance between the soles' centres that leaves room between the feet.
     """
 
     def __init__(self, gait: Gait, morphology: Morphology, rng: np.random.Generator, first_side: int = LEFT) -> None:
         self._gait = gait
         self._rng = rng
-        self._scale = morphology.leg_length_m / REFERENCE_LEG_M
+        self.scale = morphology.leg_length_m / REFERENCE_LEG_M
+        self.clock = float(np.sqrt(self.scale))
         self._spacing_m = morphology.foot_spacing_m
         self.narrowest_m = _CLEARANCE_M + sum(sole.half_width_m for sole in morphology.soles)
         self._first_side = first_side
@@ -90,18 +93,23 @@ class FootstepPlanner:
             self._queue.append(self._draw(self._taken + len(self._queue)))
         return self._queue[:count]
 
-    def take(self) -> None:
-        """Remove the next step from the queue: it has begun."""
+    def take(self) -> Step:
+        """Remove the next step from the queue and return it: it has begun.
+
+        Raises:
+            IndexError: the gait has no steps left.
+        """
         self.upcoming(1)
-        self._queue.pop(0)
+        step = self._queue.pop(0)
         self._taken += 1
+        return step
 
     def _remaining(self) -> bool:
         steps = self._gait.steps
         return steps is None or self._taken + len(self._queue) < steps
 
     def _draw(self, index: int) -> Step:
-        gait, scale = self._gait, self._scale
+        gait, scale = self._gait, self.scale
         side = (self._first_side + index) % 2
         draws = self._rng.uniform(-1.0, 1.0, size=5)
         sign = 1.0 if side == LEFT else -1.0
@@ -110,13 +118,12 @@ class FootstepPlanner:
             forward /= 2
         widening = max(sign * gait.sideways_m, 0.0) + gait.random_sideways_m * abs(draws[1])
         width = max(self._spacing_m + scale * widening, self.narrowest_m)
-        clock = np.sqrt(scale)
         return Step(
             side=side,
             forward_m=float(scale * forward),
             left_m=float(sign * width),
             turn_rad=float(gait.turn_rad + gait.random_turn_rad * draws[2]),
-            single_support_s=float(clock * gait.single_support_s * (1 + gait.random_duration * draws[3])),
-            double_support_s=float(clock * gait.double_support_s),
+            single_support_s=float(self.clock * gait.single_support_s * (1 + gait.random_duration * draws[3])),
+            double_support_s=float(self.clock * gait.double_support_s),
             apex_m=float(scale * (gait.apex_m + gait.random_apex_m * abs(draws[4]))),
         )

@@ -72,7 +72,7 @@ class Gait:
         if self.random_duration >= 0.5:
             raise BadInputError(f"Gait '{self.name}': random_duration is {self.random_duration}; it must be below 0.5.")
 
-    def excited(self, arm_rad: float = 0.25, torso_rad: float = 0.08, height_m: float = 0.015) -> Gait:
+    def excited(self, arm_rad: float = 0.25, torso_rad: float = 0.12, height_m: float = 0.02) -> Gait:
         """The same gait with arms, torso and height in motion."""
         return replace(self, arm_rad=arm_rad, torso_rad=torso_rad, height_m=height_m)
 
@@ -90,7 +90,7 @@ _RANDOM = Gait(
     random_sideways_m=0.08,
     random_turn_rad=0.12,
     random_duration=0.12,
-    random_apex_m=0.03,
+    random_apex_m=0.05,
 ).excited()
 
 GAITS: dict[str, Gait] = {g.name: g for g in (_RANDOM, _STRAIGHT, _BACKWARD, _TURN, _SIDEWAYS, _STAND)}

@@ -182,12 +182,14 @@ def _colliding_geoms(model: mujoco.MjModel, body: int) -> list[int]:
 
 def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> FloatArray:
     """World positions of points that bound the geom, shape (n, 3)."""
+    points: FloatArray
     if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_SPHERE):
-        points: FloatArray = data.geom_xpos[geom] - np.array([[0.0, 0.0, model.geom_size[geom, 0]]])
+        points = data.geom_xpos[geom] - np.array([[0.0, 0.0, model.geom_size[geom, 0]]])
         return points
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     local = model.geom_aabb[geom, :3] + signs * model.geom_aabb[geom, 3:]
-    points = data.geom_xpos[geom] + local @ data.geom_xmat[geom].reshape(3, 3).T
+    points = local @ data.geom_xmat[geom].reshape(3, 3).T
+    points += data.geom_xpos[geom]
     return points
 
 
@@ -250,7 +252,7 @@ def _chain_dofs(model: mujoco.MjModel, root: int, body: int) -> IntArray:
 
 
 def _guess_torso(model: mujoco.MjModel, root: int, feet: tuple[int, ...]) -> int:
-    legs = {body for foot in feet for body in _ancestors(model, foot)} - {root}
+    legs = {body for foot in feet for body in _ancestors(model, foot)} - set(_ancestors(model, root))
     best = root
     for body in range(root + 1, model.nbody):
         if legs.isdisjoint(_ancestors(model, body)) and model.body_mass[body] > model.body_mass[best]:

@@ -1,8 +1,8 @@
 """Whole-body quadratic programme: joint accelerations and foot wrenches that best serve weighted tasks.
 
-Variables are qacc and one wrench per standing foot (force and moment at the sole's centre, in world axes, divided by
-100). The centre-of-mass task is written on forces and the angular-momentum task on moments, so the cost of accelerations
-and that of wrenches are separate blocks; the six rows of the floating base tie them together.
+Variables are qacc and one wrench per standing foot (force and moment at the sole's centre, in world axes, divided
+by 100). The centre-of-mass task is written on forces and the angular-momentum task on moments, so the cost of
+accelerations and that of wrenches are separate blocks; the six rows of the floating base tie them together.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class QpOptions:
     share_weight: float = 2.5e-2
     friction: float = 0.6
     twist_m: float = 0.05
-    sole_margin: float = 0.9
+    sole_margin: float = 0.85
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class WholeBodyQp:
             joints: tasks on single dofs.
 
         Returns:
-            The solution, or None when no torques within the limits obey the contacts.
+            The solution, or None when the solver finds none: the state is no number, or rounding made it give up.
         """
         hessian, linear = self._cost(state, contacts, com_acceleration, momentum_rate, motions, joints)
         rows, bounds, equalities, stacked = self._constraints(state, contacts)
@@ -153,6 +153,8 @@ class WholeBodyQp:
         nv = len(state.bias)
         qacc, forces = x[:nv], FORCE_SCALE * x[nv:]
         torques = state.inertia[6:] @ qacc + state.bias[6:] - stacked[:, 6:].T @ forces
+        if not np.isfinite(torques).all():
+            return None
         limits = self._limits
         return Solution(qacc=qacc, wrenches=forces.reshape(-1, 6), torques=np.clip(torques, -limits, limits))
 
@@ -187,7 +189,7 @@ class WholeBodyQp:
         com_acceleration: FloatArray,
         momentum_rate: FloatArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Cost of the wrench variables: the sums of forces and of moments about the centre of mass, and regularisers."""
+        """Cost of the wrench variables: their sum about the centre of mass, and regularisers."""
         options, count = self._options, len(contacts)
         scale = FORCE_SCALE / state.mass_kg
         summed = np.zeros((6, 6 * count))
@@ -261,6 +263,6 @@ class WholeBodyQp:
 
 
 def skew(vector: FloatArray) -> FloatArray:
-    """Matrix of the cross product, skew(a) @ b = a x b, shape (3, 3)."""
+    """Matrix S of the cross product with a vector v, S b = v x b, shape (3, 3)."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

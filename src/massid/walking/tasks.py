@@ -30,7 +30,7 @@ class TaskOptions:
     """Gains of all tasks.
 
     Attributes:
-        standing: feet on the floor.
+        standing: feet on the floor; its stiffness acts on their tilt only.
         swinging: the foot in the air.
         pelvis: orientation of the root.
         torso: orientation of the torso.
@@ -41,10 +41,10 @@ class TaskOptions:
         knee_lookahead_s: the bend is judged this much ahead.
         height_stiffness: of the centre of mass's height [1/s^2].
         height_damping: of the centre of mass's height [1/s].
-        momentum_rate: decay of angular momentum [1/s].
+        momentum_decay: of angular momentum about the centre of mass [1/s].
     """
 
-    standing: Gains = Gains(1000.0, 0.0, 10.0)
+    standing: Gains = Gains(1000.0, 100.0, 10.0)
     swinging: Gains = Gains(100.0, 500.0, 42.0)
     pelvis: Gains = Gains(10.0, 150.0, 22.0)
     torso: Gains = Gains(5.0, 100.0, 18.0)
@@ -55,7 +55,7 @@ class TaskOptions:
     knee_lookahead_s: float = 0.1
     height_stiffness: float = 80.0
     height_damping: float = 16.0
-    momentum_rate: float = 5.0
+    momentum_decay: float = 5.0
 
 
 class Tasks:
@@ -92,10 +92,18 @@ class Tasks:
         rate = offset.rate[0] - state.com_velocity[2]
         return float(options.height_stiffness * error + options.height_damping * rate + offset.acceleration[0])
 
+    def momentum_rate(self, state: RobotState) -> FloatArray:
+        """Rate of angular momentum [N m] that lets it decay, shape (3,)."""
+        rate: FloatArray = -self._options.momentum_decay * state.angular_momentum
+        return rate
+
     def standing_foot(self, foot: Frame) -> MotionTask:
-        """The foot stays where it is."""
+        """The foot stays where it is, its sole on the floor."""
         gains = self._options.standing
-        return MotionTask(foot.jacobian, -gains.damping * foot.velocity - foot.drift, gains.weight)
+        target = -gains.damping * foot.velocity - foot.drift
+        up = foot.rotation[:, 2]
+        target[3:5] += gains.stiffness * np.array([up[1], -up[0]])
+        return MotionTask(foot.jacobian, target, gains.weight)
 
     def swinging_foot(self, foot: Frame, target: SwingTarget) -> MotionTask:
         """The foot follows its trajectory, level."""
