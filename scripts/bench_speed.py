@@ -1,4 +1,6 @@
-"""Time of one bank step against the engine's own step, in one run: python scripts/bench_speed.py
+"""Time of one bank step against the engine's own step, in one run.
+
+    python scripts/bench_speed.py
 
 Raw is `mj_step` of the identification model in a C loop with no Python in between. The bound of the bank is
 N x raw / threads; the bank adds output injection, output errors and the Gram matrix. Rounds alternate and the best
@@ -8,7 +10,7 @@ of each counts, since other programs may share the machine.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import mujoco
@@ -35,7 +37,7 @@ STEPS = 500
 class Bench:
     """Measure the bank's speed."""
 
-    log: Path = sample_walk()
+    log: Path = field(default_factory=sample_walk)
     """Log to replay."""
     model: str = "atlas"
     """Robot."""
@@ -68,7 +70,7 @@ def main(bench: Bench) -> None:
         bank = make_bank(robot, space, walk.contact_bodies, walk.timestep_s, IdentifyOptions(threads=threads))
         bank.place(points)
 
-        def replay(bank=bank) -> float:  # type: ignore[no-untyped-def]  # noqa: ANN001
+        def replay(bank=bank) -> float:  # type: ignore[no-untyped-def]
             scores = MonitoringFilter(bench.bank_size, walk.timestep_s)
             start = time.perf_counter()
             for part in split(window, BLOCK_STEPS):

@@ -17,21 +17,25 @@ SOURCE = ROOT / "src" / "massid"
 ONLY_IN = {
     "mcap": {"log"},
     "rerun": {"view"},
-    "matplotlib": {"view"},
+    "matplotlib": {"view", "paper"},
     "tyro": {"cli"},
     "rich": {"cli"},
     "dm_control": {"plant"},
     "quadprog": {"walking"},
+    "ruamel": {"log"},
+    "google": {"log"},
 }
 """Libraries that one room keeps to itself."""
 
 SEES = {
     "search": {"parameters", "errors", "typing"},
+    "systems": {"search", "parameters", "errors", "typing"},
     "log": {"errors", "typing"},
     "noise": {"log", "errors", "typing"},
     "observer": {"noise", "robot", "log", "search", "parameters", "errors", "typing"},
     "identify": {"noise", "observer", "robot", "log", "search", "parameters", "errors", "typing"},
     "walking": {"robot", "errors", "typing"},
+    "audit": {"robot", "kinematics", "log", "errors", "typing"},
     "plant": {"noise", "walking", "robot", "log", "parameters", "errors", "typing"},
 }
 """What each room may know of the others: data flows one way, and truth never reaches identification."""

@@ -12,6 +12,9 @@ class MassidError(Exception):
 
     exit_code: ClassVar[int] = 2
 
+    def __init__(self, message: str = "") -> None:
+        super().__init__(printable(message))
+
 
 class BadInputError(MassidError):
     """A file, a name or a number that cannot be used as it is."""
@@ -41,6 +44,12 @@ class FallError(MassidError):
     """The robot fell while its walk was being recorded."""
 
     exit_code: ClassVar[int] = 4
+
+
+def printable(text: str) -> str:
+    """Put a text on one line without control characters: names out of damaged files can hold anything."""
+    line = " ".join(text.split())
+    return line if line.isprintable() else "".join(c if c.isprintable() else "?" for c in line)
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], owner: str) -> str:

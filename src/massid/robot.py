@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -12,16 +13,16 @@ import mujoco
 import numpy as np
 
 from massid.errors import LogError, ModelError, unknown_name
+from massid.kinematics import wrenches_in_bodies
 from massid.log.walk import Walk
+from massid.model_edit import keep_actuator_dynamics, make_plain_motor, no_single_base, set_options, without_joints
+from massid.model_file import one_line, save_model
 from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.typing import FloatArray, IntArray
 
 WALKING_LINKS = ("torso", "l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot")
 """The links whose masses matter most to walking: what Section V-D identifies."""
 WRENCH_SITE_PREFIX = "massid_wrench/"
-SOLVER_ITERATIONS = 100
-SOLVER_TOLERANCE = 1e-14
-"""The engine's constraint solver must not add its own error; models shipped for games stop it after 3 iterations."""
 
 
 @dataclass(frozen=True)
@@ -103,14 +104,11 @@ class Robot:
         try:
             self.model = spec.compile()
         except ValueError as error:
-            raise ModelError(f"{source}: MuJoCo cannot compile it: {_one_line(error)}") from error
+            raise ModelError(f"{source}: MuJoCo cannot compile it: {one_line(error)}") from error
         model = self.model
         free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
         if len(free) != 1:
-            bodies = ", ".join(model.body(int(model.jnt_bodyid[j])).name for j in free) or "none"
-            raise ModelError(
-                f"{source}: expected one body with a free joint (the floating base), found {len(free)} ({bodies})."
-            )
+            raise ModelError(f"{source}: {no_single_base(model, free)}")
         ball = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
         if len(ball):
             raise ModelError(
@@ -144,9 +142,11 @@ class Robot:
             what = "is a folder" if path.is_dir() else "does not exist"
             raise ModelError(f"Model file {path} {what}; expected an MJCF (.xml) file.")
         try:
-            spec = mujoco.MjSpec.from_file(str(path))
-        except ValueError as error:
-            raise ModelError(f"{path}: not a model that MuJoCo can read: {_one_line(error)}") from error
+            spec = mujoco.MjSpec.from_file(str(path.resolve()))
+        except (ValueError, mujoco.FatalError) as error:
+            raise ModelError(f"{path}: not a model that MuJoCo can read: {one_line(error)}") from error
+        # Fused bodies lose their names; welded ones keep them and move no differently.
+        spec.compiler.fusestatic = False
         return cls(spec, path.name)
 
     @cached_property
@@ -181,16 +181,50 @@ class Robot:
             raise ModelError(f"The world has no mass to identify. {self.source} has: {', '.join(self.links)}.")
         if link in bodies:
             why = "does not move" if self.model.body(link).mass[0] > 0 else "has no mass"
-            raise ModelError(f"Body '{link}' of {self.source} {why}. Links with a mass: {', '.join(self.links)}.")
+            raise ModelError(
+                f"Body '{link}' of {self.source} {why}.{self._nearest(link)} "
+                f"Links with a mass: {', '.join(self.links)}."
+            )
         raise ModelError(unknown_name("link", link, self.links, self.source))
 
-    def mass_space(self, links: Iterable[str]) -> ParameterSpace:
+    def welded_to(self, link: str) -> str | None:
+        """The body that a link without a joint of its own moves with; None for a link that moves by itself."""
+        body = self.model.body(link).id
+        moving = int(self.model.body_weldid[body])
+        return None if moving == body else str(self.model.body(moving).name)
+
+    def _nearest(self, link: str) -> str:
+        """Point at the links that come closest: by name, and up the tree."""
+        own = [name for name in self.links if self.welded_to(name) is None]
+        near = difflib.get_close_matches(link, own, n=2, cutoff=0.5)
+        body = self.model.body(link).id
+        while body:
+            body = int(self.model.body_parentid[body])
+            if self.model.body(body).name in own:
+                near.append(self.model.body(body).name)
+                break
+        return f" Did you mean {', '.join(dict.fromkeys(near))}?" if near else ""
+
+    def mass_space(self, links: Iterable[str], *, welded_too: bool = False) -> ParameterSpace:
         """Span the masses of the named links, each within the default Theta.
 
+        Args:
+            links: names of bodies.
+            welded_too: also take bodies without a joint of their own, which a log can hardly tell from their parent.
+
         Raises:
-            ModelError: a name is not a link with a mass.
+            ModelError: a name is not a link with a mass, or moves with another body.
             BadInputError: no links, or a link named twice.
         """
+        links = tuple(links)
+        for link in links:
+            nominal_kg = self.nominal_mass_kg(link)
+            other = self.welded_to(link)
+            if other is not None and not welded_too:
+                raise ModelError(
+                    f"Body '{link}' of {self.source} ({nominal_kg:.3g} kg) moves with '{other}': there is no joint "
+                    f"between them, so weigh '{other}'.{self._nearest(link)}"
+                )
         return ParameterSpace(tuple(Parameter.mass(link, self.nominal_mass_kg(link)) for link in links))
 
     def realise(self, space: ParameterSpace, points: FloatArray, contact_bodies: Sequence[str] = ()) -> Realisation:
@@ -248,8 +282,8 @@ class Robot:
             ModelError: a contact body is not in the model.
         """
         spec = self.spec.copy()
-        _keep_actuator_dynamics(spec)
-        for group in (spec.keys, spec.actuators, spec.sensors):
+        keep_actuator_dynamics(spec)
+        for group in (spec.keys, spec.actuators, spec.sensors, spec.tuples):
             for element in list(group):
                 spec.delete(element)
         for body_name in contact_bodies:
@@ -264,24 +298,37 @@ class Robot:
                 motor = spec.add_actuator(
                     name=f"{site.name}/{axis}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site.name, gear=gear
                 )
-                motor.set_to_motor()
-                motor.ctrllimited = motor.forcelimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        option = spec.option
-        option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        option.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
-        option.iterations, option.tolerance = SOLVER_ITERATIONS, SOLVER_TOLERANCE
-        return spec.compile()
+                make_plain_motor(motor)
+        set_options(spec.option)
+        try:
+            return spec.compile()
+        except ValueError as error:
+            raise ModelError(f"{self.source}: no identification model can be made of it: {one_line(error)}") from error
+
+    def locked(self, positions: Mapping[str, float]) -> Robot:
+        """Return the robot with some joints held still, as for fingers that a log does not show.
+
+        Args:
+            positions: by joint, where it is held [rad or m].
+
+        Raises:
+            ModelError: no such joint, or one of several joints of a body held away from the model's own position.
+        """
+        for name in positions:
+            if name not in self.joint_names:
+                raise ModelError(unknown_name("joint", name, self.joint_names, self.source))
+        return Robot(without_joints(self.spec, self.model, positions), self.source) if positions else self
 
     def align(self, walk: Walk) -> Walk:
-        """Return the walk with its joints in the model's order.
+        """Return the walk with its joints in the model's order and its wrenches in their bodies' frames.
 
         Raises:
             LogError: another root body, a missing joint, or a contact body that the model does not have.
         """
         if walk.root_body != self.root_body:
             raise LogError(
-                f"{walk.source}: the base pose is that of '{walk.root_body}', but the floating base of {self.source} is "
-                f"'{self.root_body}'."
+                f"{walk.source}: the base pose is that of '{walk.root_body}', but the floating base of {self.source} "
+                f"is '{self.root_body}'."
             )
         bodies = [self.model.body(b).name for b in range(1, self.model.nbody)]
         for name in walk.contact_bodies:
@@ -289,37 +336,52 @@ class Robot:
                 raise LogError(f"{unknown_name('body', name, bodies, self.source)} {walk.source} has its wrench.")
         for name in walk.joint_names:
             if name not in self.joint_names:
-                raise LogError(f"{unknown_name('joint', name, self.joint_names, self.source)} {walk.source} has it.")
-        return walk.with_joint_order(self.joint_names)
+                raise LogError(
+                    f"{unknown_name('joint', name, self.joint_names, self.source)} {walk.source} has it; `ignore` in a "
+                    "topic map leaves it out."
+                )
+        for name in self.joint_names:
+            if name not in walk.joint_names:
+                raise LogError(
+                    f"{unknown_name('joint', name, walk.joint_names, walk.source)} {self.source} has it; `locked` in a "
+                    "topic map says where it was held."
+                )
+        walk = walk.with_joint_order(self.joint_names)
+        if not walk.world_wrenches:
+            return walk
+        qpos = self.layout.to_qpos(walk.qpos)
+        wrench = wrenches_in_bodies(self.model, qpos, walk.wrench, walk.contact_bodies, walk.world_wrenches)
+        return replace(walk, wrench=wrench, world_wrenches=())
 
     def write_mjcf(self, space: ParameterSpace, point: FloatArray, path: Path) -> None:
         """Save the model with the parameters of one point in its masses and inertias.
 
-        Works whether inertia was given or came from geoms; asset folders are written relative to the new file.
+        Works whether inertia was given or came from geoms. Include files become part of the new file; meshes and
+        textures stay where they are, and the new file says where that is. It is read back before it gets its name.
 
         Raises:
-            ModelError: the file cannot be written.
+            ModelError: the file cannot be written, or does not give the same robot.
         """
         spec = self.spec.copy()
         fields = self.realise(space, point).model_fields
-        if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+        compiler = spec.compiler
+        rescaled = compiler.settotalmass > 0 or compiler.boundmass > 0 or compiler.boundinertia > 0
+        if rescaled or compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
             targets = list(range(1, self.model.nbody))
-            spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+            compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+            compiler.settotalmass, compiler.boundmass, compiler.boundinertia = -1.0, 0.0, 0.0
         else:
             targets = [self.model.body(p.target).id for p in space.parameters if p.kind is Kind.MASS]
         for body_id in targets:
             name = self.model.body(body_id).name
-            body = spec.body(name)
+            body = spec.body(name) if name else spec.bodies[body_id]
             body.explicitinertial = True
             body.mass = float(fields["body_mass"][0, body_id])
             body.ipos = self.model.body_ipos[body_id]
             body.iquat = self.model.body_iquat[body_id]
             body.inertia = fields["body_inertia"][0, body_id]
             body.fullinertia = np.full(6, np.nan)
-        try:
-            path.write_text(spec.to_xml())
-        except OSError as error:
-            raise ModelError(f"Cannot write {path}: {error.strerror}.") from error
+        save_model(spec, path, fields["body_mass"][0])
 
 
 def write_fields(model: mujoco.MjModel, realisation: Realisation, index: int = 0) -> None:
@@ -329,21 +391,6 @@ def write_fields(model: mujoco.MjModel, realisation: Realisation, index: int = 0
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 
-def _keep_actuator_dynamics(spec: mujoco.MjSpec) -> None:
-    """Hand armature and damping of joint actuators to their joints, since the actuators are about to go."""
-    for actuator in spec.actuators:
-        joint = spec.joint(actuator.target)
-        if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or joint is None:
-            continue
-        ratio = float(actuator.gear[0]) ** 2
-        joint.armature += ratio * np.ravel(actuator.armature)[0]
-        joint.damping = np.asarray(joint.damping) + ratio * np.asarray(actuator.damping)
-
-
 def file_sha256(path: Path) -> str:
     """SHA-256 of a model file, to recognise it in a log's metadata."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -54,7 +54,7 @@ def test_sampled_and_tangent_parameters_meet_in_one_quadratic(pushed: Pushed) ->
     from massid.search.monitoring import MonitoringFilter
     from massid.search.proposal import Proposal, Role
 
-    def quadratic(space: ParameterSpace, points: FloatArray):  # type: ignore[no-untyped-def]  # noqa: ANN202
+    def quadratic(space: ParameterSpace, points: FloatArray):  # type: ignore[no-untyped-def]
         scores = MonitoringFilter(len(points), 0.001)
         scores.update(_errors(pushed, space, points))
         return scores.result(Proposal(points, (Role.CENTRE, *[Role.SAMPLE] * (len(points) - 1)))).local_quadratic()
@@ -68,7 +68,7 @@ def test_sampled_and_tangent_parameters_meet_in_one_quadratic(pushed: Pushed) ->
     np.testing.assert_allclose(one.gradient, both.gradient, rtol=0.02, atol=0.02 * np.abs(both.gradient).max())
 
 
-def _errors(pushed: Pushed, space: ParameterSpace, points: FloatArray):  # type: ignore[no-untyped-def]  # noqa: ANN202
+def _errors(pushed: Pushed, space: ParameterSpace, points: FloatArray):  # type: ignore[no-untyped-def]
     contacts = pushed.walk.contact_bodies
     lineariser = Lineariser(pushed.robot.identification_model(contacts), pushed.robot.layout)
     tangents = TangentFilter(pushed.robot, space.tangents, contacts, lineariser) if space.tangents else None

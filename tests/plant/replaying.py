@@ -15,7 +15,7 @@ def velocity_errors(walk: Walk, robot: Robot, masses_kg: Mapping[str, float]) ->
     """Largest velocity error of each single step from the logged state [rad/s, m/s], shape (n - 1,)."""
     walk = robot.align(walk)
     model = robot.identification_model(walk.contact_bodies)
-    space = robot.mass_space(masses_kg)
+    space = robot.mass_space(masses_kg, welded_too=True)
     write_fields(model, robot.realise(space, np.array(list(masses_kg.values()))))
     data = mujoco.MjData(model)
     block = replay_block(walk, robot.layout, Segment(0, len(walk)))

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from massid.errors import BadInputError
 from massid.search.directions import GaussNewtonDirection, GradientDirection
 from massid.search.guided import GuidedSearch, SearchOptions, SearchStatus
+from massid.search.line_search import LineSearch
 from massid.search.proposal import Role
 from massid.search.quadratic import LocalQuadratic
 from massid.search.sampling import Sampling, sample_locally
@@ -40,7 +43,7 @@ def test_gradient_reduces_the_error_in_every_window() -> None:
     search = GuidedSearch(make_space(), 12, SearchOptions(direction="gradient", candidates=0))
     iterations = drive(search, _bank(12), 40)
     scores = [iteration.mu for iteration in iterations]
-    assert all(later <= earlier * (1.0 + 1e-9) for earlier, later in zip(scores, scores[1:], strict=False))
+    assert all(later <= earlier * (1.0 + 1e-9) for earlier, later in pairwise(scores))
     assert np.linalg.norm(iterations[-1].estimate - TRUTH) < 0.5 * np.linalg.norm(TRUTH)
 
 
@@ -68,7 +71,7 @@ def test_gradient_step_minimises_along_the_gradient_and_is_damped_at_the_border(
     quadratic = LocalQuadratic(np.zeros(3), 0.0, np.array([1.0, 1.0, 1.0]), curvature, 1.0, 0.0, 1)
     inside = GradientDirection().step(quadratic, make_space())
     np.testing.assert_allclose(inside, -3.0 / 14.0 * np.ones(3))
-    tight = GradientDirection().step(quadratic, make_space(bound=0.1))
+    tight = LineSearch().limit(np.zeros(3), inside, make_space(bound=0.1))
     assert make_space(bound=0.1).contains(tight)
     np.testing.assert_allclose(tight / np.linalg.norm(tight), inside / np.linalg.norm(inside))
 

@@ -13,8 +13,11 @@ import tyro
 
 from massid.cli.demo import Demo
 from massid.cli.identify import Identify
+from massid.cli.inspect import Inspect
 from massid.cli.links import Links
+from massid.cli.paper import Paper
 from massid.cli.record import Record
+from massid.cli.repair import Repair
 from massid.cli.view import View
 from massid.errors import MassidError
 
@@ -22,7 +25,7 @@ DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
 
 Exit codes: 0 good, 2 bad input, 3 not identifiable, 4 fell or did not converge."""
 
-COMMANDS = (Demo, Record, Identify, View, Links)
+COMMANDS = (Demo, Record, Identify, Inspect, Repair, View, Paper, Links)
 INTERRUPTED = 130
 
 

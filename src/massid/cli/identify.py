@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
 import tyro
 
 from massid.assets import find_model_by_hash, resolve_model
-from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel
+from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics
 from massid.errors import BadInputError, LogError
 from massid.identify.options import IdentifyOptions
 from massid.identify.result import Result, Status
@@ -35,6 +35,8 @@ class Identify:
     """MJCF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
     links: OptionalLinks = None
     """Links to weigh, separated by commas; default torso, thighs, calves and feet."""
+    topics: OptionalTopics = None
+    """Topic map: a YAML file, or a preset such as ros2 or unitree_g1; default what massid records."""
     mode: Literal["online", "offline"] = "online"
     """online sees every dwell window once; offline replays the log and sums over all windows."""
     truth: OptionalFile = None
@@ -51,24 +53,31 @@ class Identify:
 
     def run(self) -> int:
         """Identify, print the table, write what was asked for."""
+        from massid.audit import prepare_walk
         from massid.cli.console import print_result, progress_bar, say, warn
         from massid.identify import identify_offline, identify_online
         from massid.identify.result import write_json
-        from massid.log import read_walk
+        from massid.log import TopicMap, load_topics, read_walk
         from massid.score import Truth, score, with_score
 
         for path in (self.json, self.save_model, self.rerun, self.png):
             if path is not None and not path.parent.is_dir():
                 raise BadInputError(f"Cannot write {path}: the folder {path.parent} does not exist.")
         truth = Truth.load(self.truth) if self.truth else None
-        walk = read_walk(self.log)
+        topics = load_topics(self.topics) if self.topics else TopicMap()
+        walk = read_walk(self.log, topics)
+        complete = Robot.load(self._model_path(walk))
+        prepared = prepare_walk(self.log, complete, topics, walk=walk)
+        walk, robot = prepared.walk, prepared.robot
+        options = self.options
+        if options.noise == "auto" and prepared.audit.clean:
+            options = replace(options, noise="clean")
         for warning in walk.warnings:
             warn(warning)
-        robot = Robot.load(self._model_path(walk))
         space = robot.mass_space(self._links(robot))
         identify = identify_online if self.mode == "online" else identify_offline
         with progress_bar("identifying") as progress:
-            result = identify(walk, robot, space, self.options, progress)
+            result = identify(walk, robot, space, options, progress)
         scored = score(result, truth) if truth else None
         print_result(result, scored)
         if result.status is Status.NOT_IDENTIFIABLE:
@@ -78,7 +87,7 @@ class Identify:
             write_json(with_score(document, scored) if scored else document, self.json)
             say(f"result: {self.json}")
         if self.save_model:
-            robot.write_mjcf(space, result.estimate, self.save_model)
+            complete.write_mjcf(space, result.estimate, self.save_model)
             say(f"model: {self.save_model}")
         if self.rerun:
             from massid.view import write_recording

@@ -163,7 +163,9 @@ class OnlineIdentifier:
             self._converged = iteration.status is SearchStatus.CONVERGED
             std = None
         else:
-            self._information = self._belief = self._belief + _discounted(window_quadratic, iteration.estimate)
+            self._information = self._belief = self._belief + _discounted(
+                window_quadratic, iteration.estimate, self.space.n_sampled
+            )
             std = posterior(self.space, self._belief).std[: self.space.n_sampled]
         time_s = (self._last_stamp_ns - self._first_stamp_ns) * 1e-9
         window = WindowResult.from_iteration(iteration, time_s, std)
@@ -172,14 +174,13 @@ class OnlineIdentifier:
         return window
 
 
-def _discounted(window: LocalQuadratic, estimate: FloatArray) -> LocalQuadratic:
+def _discounted(window: LocalQuadratic, estimate: FloatArray, n_sampled: int) -> LocalQuadratic:
     """Weight a window's information by how far it can be trusted at the estimate that it led to.
 
     The samples left `misfit` unexplained when they changed mu by `explained`; at the estimate, where mu differs by D
     from the centre, that is misfit (D / explained)^2 in units of variance, to be added to the 1 that noise is.
     """
-    offset = estimate - window.centre
-    change = 0.5 * float(offset @ window.curvature @ offset)
+    change = window.change(estimate - window.centre, n_sampled)
     return window.scaled(1.0 / (1.0 + window.misfit * (change / window.explained) ** 2))
 
 

@@ -34,6 +34,8 @@ _FIELD = re.compile(
 )
 _HEADER_BYTES = 4  # the encapsulation header: alignment counts from its end
 _MAX_TRAILING = 3  # some middleware pads a message to a multiple of four
+_MAX_FIELDS = 100_000  # of one message; a damaged definition must not keep the reader busy
+_MAX_DEPTH = 32
 
 
 class CdrError(ValueError):
@@ -64,6 +66,11 @@ class Leaf:
     offset: int
     dtype: str
     count: int | None
+
+    @property
+    def format(self) -> str | tuple[str, tuple[int]]:
+        """NumPy type of the whole."""
+        return self.dtype if self.count is None else (self.dtype, (self.count,))
 
 
 @dataclass(frozen=True)
@@ -97,17 +104,17 @@ class Layout:
         return np.dtype(
             {
                 "names": list(paths),
-                "formats": [leaf.dtype if leaf.count is None else (leaf.dtype, (leaf.count,)) for leaf in picked],
+                "formats": [leaf.format for leaf in picked],
                 "offsets": [leaf.offset for leaf in picked],
                 "itemsize": self.size,
             }
         )
 
-    def holds_for(self, messages: bytes, count: int) -> bool:
-        """Tell whether `count` concatenated messages all have this layout."""
-        if len(messages) != count * self.size:
+    def holds_for(self, messages: bytes, count: int, head: int = 0) -> bool:
+        """Tell whether `count` concatenated messages, with `head` bytes before each, all have this layout."""
+        if len(messages) != count * (head + self.size):
             return False
-        table = np.frombuffer(messages, dtype=np.uint8).reshape(count, self.size)
+        table = np.frombuffer(messages, dtype=np.uint8).reshape(count, head + self.size)[:, head:]
         example = np.frombuffer(self.example, dtype=np.uint8)
         return all(bool((table[:, a:b] == example[a:b]).all()) for a, b in self.fixed)
 
@@ -185,20 +192,31 @@ class _Tracer:
         self.leaves: dict[str, Leaf] = {}
         self.strings: dict[str, tuple[str, ...]] = {}
         self.fixed: list[tuple[int, int]] = [(0, 2)]
+        self.visited = 0
 
-    def walk(self, type_name: str, prefix: str) -> None:
-        for field in self.schema.types[type_name]:
+    def walk(self, type_name: str, prefix: str, depth: int = 0) -> None:
+        if depth > _MAX_DEPTH:
+            raise CdrError(f"the definition of {type_name} holds itself, or more than {_MAX_DEPTH} messages in a row")
+        fields = self.schema.types[type_name]
+        if not fields:  # a message without fields takes one byte
+            self.take(f"{prefix}(empty)", 1)
+        for field in fields:
             path = prefix + field.name
+            self.visited += 1
+            if self.visited > _MAX_FIELDS:
+                raise CdrError(f"the message has more than {_MAX_FIELDS} fields")
             count = self.length(path) if field.count == -1 else field.count
             if field.type in _PRIMITIVES:
                 self.numbers(path, _PRIMITIVES[field.type], count)
             elif field.type == "string":
-                self.strings[path] = tuple(self.string(path) for _ in range(1 if count is None else count))
+                self.strings[path] = tuple(
+                    self.string(path) for _ in range(1 if count is None else self.bounded(count))
+                )
             elif count is None:
-                self.walk(field.type, path + ".")
+                self.walk(field.type, path + ".", depth + 1)
             else:
                 for index in range(count):
-                    self.walk(field.type, f"{path}[{index}].")
+                    self.walk(field.type, f"{path}[{index}].", depth + 1)
 
     def numbers(self, path: str, code: str, count: int | None) -> None:
         size = int(code[1:])
@@ -223,6 +241,11 @@ class _Tracer:
         self.take(path, size)
         self.fix(start)
         return self.message[start : self.position].rstrip(b"\0").decode("utf-8", errors="replace")
+
+    def bounded(self, count: int) -> int:
+        if count > len(self.message) - self.position:
+            raise CdrError(f"the message of {len(self.message)} bytes cannot hold {count} texts")
+        return count
 
     def align(self, size: int) -> None:
         self.position += -(self.position - _HEADER_BYTES) % size

@@ -1,37 +1,17 @@
-"""Gather the messages of one topic into columns."""
+"""Gather the messages of one topic into columns, and keep account of the rows that cannot be used."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from massid.errors import LogError
-from massid.log.cdr import CdrError, Layout, Schema, parse_schema, trace
 from massid.log.container import TopicInfo
-from massid.log.conventions import NANOSECONDS
-from massid.typing import FloatArray, IntArray
-
-_STAMP = ("header.stamp.sec", "header.stamp.nanosec")
-
-
-@dataclass(frozen=True)
-class Block:
-    """Consecutive messages of one layout.
-
-    Attributes:
-        layout: where their fields lie, and their texts.
-        stamps_ns: header stamps since the Unix epoch [ns], shape (n,).
-        groups: values by group, each of shape (n, width).
-    """
-
-    layout: Layout
-    stamps_ns: IntArray
-    groups: Mapping[str, FloatArray]
-
-    def __len__(self) -> int:
-        return len(self.stamps_ns)
+from massid.log.decoding import Block, Decoder, DecodingError, Unreadable, make_decoder
+from massid.typing import BoolArray, FloatArray, IntArray
 
 
 @dataclass
@@ -41,78 +21,133 @@ class TopicColumns:
     Attributes:
         source: name of the file, for messages.
         info: the topic and its schema.
-        groups: the fields to gather, by group.
+        wanted: the fields to gather, by key.
         blocks: what was decoded so far, in the order of the file.
-        count: number of messages received so far.
+        unreadable: messages that could not be decoded.
+        unusable: why rows must be left out, with their number, in the order found.
     """
 
     source: str
     info: TopicInfo
-    groups: Mapping[str, Sequence[str]]
+    wanted: Mapping[str, Sequence[str]]
     blocks: list[Block] = field(default_factory=list)
-    count: int = 0
-    _schema: Schema = field(init=False)
-    _layouts: list[Layout] = field(default_factory=list)
+    unreadable: int = 0
+    unusable: list[str] = field(default_factory=list)
+    _first_unreadable: str = ""
+    _bad: BoolArray | None = None
+    _decoder: Decoder = field(init=False)
 
     def __post_init__(self) -> None:
-        where = f"{self.source}: topic {self.info.topic}"
-        if self.info.message_encoding != "cdr":
-            raise LogError(f"{where} is encoded as '{self.info.message_encoding}', expected 'cdr'.")
-        if self.info.schema_encoding != "ros2msg":
-            raise LogError(f"{where} has a schema in '{self.info.schema_encoding}', expected 'ros2msg'.")
         try:
-            self._schema = parse_schema(self.info.message_type, self.info.schema_text)
-        except CdrError as error:
-            raise LogError(f"{where}: {error}.") from error
+            self._decoder = make_decoder(self.info, self.wanted)
+        except DecodingError as error:
+            raise LogError(f"{self.where}: {error}.") from error
 
     @property
-    def stamps_ns(self) -> IntArray:
-        """Header stamps of all messages [ns], shape (n,)."""
-        return np.concatenate([block.stamps_ns for block in self.blocks])
+    def where(self) -> str:
+        """File and topic, for messages."""
+        return f"{self.source}: {self.info.topic}"
 
-    def group(self, name: str) -> FloatArray:
-        """Return the values of a group over all messages, shape (n, width)."""
-        return np.concatenate([block.groups[name] for block in self.blocks])
+    def __len__(self) -> int:
+        return sum(len(block) for block in self.blocks)
 
-    def receive(self, messages: list[bytes]) -> None:
-        """Decode a batch: at once if all messages have one known layout, else one by one.
+    def receive(self, records: list[bytes]) -> None:
+        """Decode a batch of message records."""
+        for item in self._decoder.decode(records):
+            if isinstance(item, Unreadable):
+                self.unreadable += 1
+                self._first_unreadable = self._first_unreadable or f"sample {len(self)}: {item.reason}"
+            else:
+                self.blocks.append(item)
+
+    def check(self) -> None:
+        """Pass if any message could be decoded.
 
         Raises:
-            LogError: a message cannot be decoded, or lacks a field; names topic and sample.
+            LogError: none could; says why the first one could not.
         """
-        joined = b"".join(messages)
-        layout = self._layouts[-1] if self._layouts else self._layout_of(messages[0])
-        if layout.holds_for(joined, len(messages)):
-            self._decode(layout, joined, len(messages))
+        if self.unreadable and not self.blocks:
+            raise LogError(f"{self.where} ({self.info.message_type}): {self._first_unreadable}.")
+
+    def header_ns(self) -> IntArray | None:
+        """Header stamps of all messages [ns], shape (n,); None if any message has none."""
+        stamps = [block.header_ns for block in self.blocks if block.header_ns is not None]
+        return np.concatenate(stamps) if stamps and len(stamps) == len(self.blocks) else None
+
+    def log_ns(self) -> IntArray:
+        """Log times of all messages [ns], shape (n,)."""
+        return np.concatenate([block.log_ns for block in self.blocks])
+
+    def texts(self, path: str) -> Counter[tuple[str, ...]]:
+        """Count the messages by the texts that they hold at a path."""
+        counted: Counter[tuple[str, ...]] = Counter()
+        for block in self.blocks:
+            counted[block.texts.get(path, ())] += len(block)
+        return counted
+
+    def widths(self, key: str) -> Counter[int]:
+        """Count the messages by how many values they hold for a key."""
+        counted: Counter[int] = Counter()
+        for block in self.blocks:
+            counted[block.columns[key].shape[1]] += len(block)
+        return counted
+
+    def values(self, key: str, width: int, order: Sequence[Sequence[int] | None] | None = None) -> FloatArray:
+        """Return the values of a key over all messages and forget them, shape (n, width).
+
+        Messages with another number of values give rows of NaN.
+
+        Args:
+            key: of `wanted`.
+            width: how many values a message should hold.
+            order: for each block, which of its columns to take in which order (None: all as they are).
+        """
+        out = np.full((len(self), width), np.nan)
+        at = 0
+        for k, block in enumerate(self.blocks):
+            values = block.columns.pop(key)  # type: ignore[attr-defined]
+            picked = None if order is None else order[k]
+            if picked is not None and (not picked or max(picked) < values.shape[1]):
+                values = values[:, picked]
+            if values.shape[1] == width:
+                out[at : at + len(block)] = values
+            at += len(block)
+        return out
+
+    def leave_out(self, bad: BoolArray, reason: str) -> None:
+        """Mark rows as unusable.
+
+        Args:
+            bad: which rows, shape (n,).
+            reason: what is wrong with the first of them.
+
+        Raises:
+            LogError: hardly any row is left.
+        """
+        if not bad.any():
             return
-        for message in messages:
-            self._decode(self._layout_of(message), message, 1)
+        self._bad = bad.copy() if self._bad is None else self._bad | bad
+        count, n = int(bad.sum()), len(self)
+        if n - int(self._bad.sum()) < 2:
+            raise LogError(f"{self.where}: {reason} ({count} of {n} samples are like that).")
+        self.unusable.append(f"{self.info.topic}: {reason}; {count} of {n} samples are like that and left out.")
 
-    def _layout_of(self, message: bytes) -> Layout:
-        for layout in self._layouts:
-            if layout.holds_for(message, 1):
-                return layout
-        try:
-            layout = trace(self._schema, message)
-        except CdrError as error:
-            raise LogError(f"{self.source}: {self.info.topic}: sample {self.count}: {error}.") from error
-        self._layouts.append(layout)
-        return layout
+    @property
+    def left_out(self) -> BoolArray:
+        """Rows marked as unusable so far, shape (n,)."""
+        return np.zeros(len(self), dtype=bool) if self._bad is None else self._bad
 
-    def _decode(self, layout: Layout, messages: bytes, count: int) -> None:
-        paths = [path for group in self.groups.values() for path in group]
-        try:
-            rows = np.frombuffer(messages, dtype=layout.record_dtype([*_STAMP, *paths]))
-        except CdrError as error:
-            raise LogError(f"{self.source}: topic {self.info.topic} ({self.info.message_type}) has {error}.") from error
-        seconds, nanoseconds = (rows[path].astype(np.int64) for path in _STAMP)
-        groups = {name: _stack([rows[path] for path in fields]) for name, fields in self.groups.items()}
-        self.blocks.append(Block(layout, seconds * NANOSECONDS + nanoseconds, groups))
-        self.count += count
+    def usable(self) -> IntArray:
+        """Rows that can be used, in the order of the file."""
+        rows = np.arange(len(self))
+        return rows if self._bad is None else rows[~self._bad]
 
-
-def _stack(columns: Sequence[FloatArray]) -> FloatArray:
-    """Put scalar columns, shape (n,), side by side; one array column, shape (n, width), stays as it is."""
-    if columns[0].ndim == 2:
-        return np.concatenate(columns, axis=1, dtype=np.float64)
-    return np.stack(columns, axis=1, dtype=np.float64)
+    def warnings(self) -> list[str]:
+        """What was lost on this topic, one line each."""
+        lines = list(self.unusable)
+        if self.unreadable:
+            lines.append(
+                f"{self.info.topic}: {self.unreadable} messages cannot be decoded and are left out; the first, "
+                f"{self._first_unreadable}."
+            )
+        return lines

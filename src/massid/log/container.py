@@ -23,7 +23,9 @@ from massid.log.files import MAGIC, check_is_mcap
 
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE = struct.Struct("<BQH")  # opcode, length, channel
-_PAYLOAD = _RECORD.size + 22  # where a message's data begins in its record
+MESSAGE_HEAD = 22
+"""Bytes of a message record before the message: channel, sequence, log time and publish time."""
+_LARGEST_CHUNK = 1 << 31
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, summary start, summary offset start, checksum
 _DATA_END_BYTES = 4
 _INDEX_HEAD, _INDEX_ENTRY = _RECORD.size + 6, 16
@@ -47,7 +49,13 @@ class TopicInfo:
     message_type: str
     message_encoding: str
     schema_encoding: str
-    schema_text: str
+    schema_data: bytes
+    metadata: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def schema_text(self) -> str:
+        """The schema, if it is text."""
+        return self.schema_data.decode("utf-8", errors="replace")
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,7 @@ def read_messages(
     Args:
         path: the MCAP file, finished or cut off.
         uses: tells whether a topic is of interest.
-        receive: takes a batch of messages of one topic.
+        receive: takes a batch of messages of one topic: for each its record, `MESSAGE_HEAD` bytes and the message.
 
     Returns:
         What else was found, with a line for each loss.
@@ -124,6 +132,8 @@ class _Scan:
         self.chunks: dict[int, ChunkIndex] = {}  # by position of the chunk
         self.pending: dict[int, list[bytes]] = {}  # messages to hand over, by channel
         self.orphans: Counter[int] = Counter()  # messages of channels that nothing defines
+        self.unchecked = 0  # chunks, and messages outside of chunks, that no checksum protects
+        self.unchunked = 0  # messages outside of chunks
 
     def run(self) -> None:
         try:
@@ -208,6 +218,8 @@ class _Scan:
                 if not self.closed:
                     self.warnings.append("the index at the end is cut off; no sample is lost by that.")
                 expected = _parse(DataEnd, content).data_section_crc
+                if expected == 0:
+                    self.unchecked += self.unchunked
                 if expected not in (0, checksum) and not self.damages:
                     self.warnings.append("damaged outside its chunks (checksum): metadata may be wrong.")
                 return
@@ -219,7 +231,10 @@ class _Scan:
         """Take in a record other than a chunk or an index."""
         try:
             if opcode == Opcode.MESSAGE:
-                self.take(struct.unpack_from("<H", content)[0], content[_PAYLOAD - _RECORD.size :])
+                if len(content) < MESSAGE_HEAD:
+                    raise ValueError(f"a message of {len(content)} bytes")
+                self.unchunked += 1
+                self.take(struct.unpack_from("<H", content)[0], content)
             elif opcode == Opcode.METADATA:
                 record = _parse(Metadata, content)
                 self.metadata.setdefault(record.name, {}).update(record.metadata)
@@ -236,14 +251,16 @@ class _Scan:
         elif opcode == Opcode.CHANNEL:
             channel = _parse(Channel, content)
             known = self.schemas.get(channel.schema_id, Schema(id=0, data=b"", encoding="", name="unknown"))
-            text = known.data.decode("utf-8", errors="replace")
-            info = TopicInfo(channel.topic, known.name, channel.message_encoding, known.encoding, text)
+            said = tuple(channel.metadata.items())
+            info = TopicInfo(channel.topic, known.name, channel.message_encoding, known.encoding, known.data, said)
             self.channels.setdefault(channel.id, info)
 
     def read_chunk(self, position: int, content: bytes) -> _Damage | None:
         """Take the messages of a chunk; return the damage if its loss is still to be counted."""
         try:
-            self.split_chunk(_decompress(_parse(Chunk, content)), position)
+            chunk = _parse(Chunk, content)
+            self.split_chunk(_decompress(chunk), position)
+            self.unchecked += chunk.uncompressed_crc == 0
         except _DAMAGE as error:
             index = self.chunks.get(position)
             damage = _Damage(position, str(error), _counts(index) if index else None)
@@ -263,10 +280,12 @@ class _Scan:
                 raise ValueError(f"a record runs past the end of the chunk by {stop - end} bytes")
             if opcode != Opcode.MESSAGE:
                 self.read_record(opcode, position, data[at + _RECORD.size : stop])
+            elif size < MESSAGE_HEAD:
+                raise ValueError(f"a message of {size} bytes")
             elif channel in pending:
-                pending[channel].append(data[at + _PAYLOAD : stop])
+                pending[channel].append(data[at + _RECORD.size : stop])
             else:
-                self.take(channel, data[at + _PAYLOAD : stop])
+                self.take(channel, data[at + _RECORD.size : stop])
             at = stop
 
     def take(self, channel: int, message: bytes) -> None:
@@ -295,6 +314,8 @@ class _Scan:
 
     def losses(self) -> Iterator[str]:
         """State what was lost: where, and how many samples of each topic in use."""
+        if self.unchecked:
+            yield f"{self.unchecked} chunks or messages carry no checksum: a flipped bit in them would pass unnoticed."
         for damage in self.damages:
             extent = " with an unknown number of messages" if damage.lost is None else ""
             yield f"damaged at byte {damage.position}{extent}: {damage.reason}."
@@ -333,6 +354,8 @@ def _decompress(chunk: Chunk) -> bytes:
         ValueError: unknown compression, wrong length or wrong checksum; or what the decompressor raises.
     """
     data: bytes = chunk.data
+    if chunk.uncompressed_size > _LARGEST_CHUNK:
+        raise ValueError(f"chunk of {chunk.uncompressed_size} bytes, more than {_LARGEST_CHUNK}")
     if chunk.compression == "zstd":
         declared = zstandard.get_frame_parameters(data).content_size
         if declared not in (chunk.uncompressed_size, zstandard.CONTENTSIZE_UNKNOWN):

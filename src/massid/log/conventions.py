@@ -37,3 +37,16 @@ def to_world(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
 def to_body(quaternion: FloatArray, vector: FloatArray) -> FloatArray:
     """Express world-frame vectors, shape (n, 3), in the body frame of the wxyz attitude, shape (n, 4)."""
     return to_world(quaternion * np.array([1.0, -1.0, -1.0, -1.0]), vector)
+
+
+def rpy_to_wxyz(angles: FloatArray) -> FloatArray:
+    """Quaternions of turns about the fixed x, then y, then z axis [rad], shapes (n, 3) and (n, 4)."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(0.5 * angles).T, np.sin(0.5 * angles).T
+    return np.column_stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )

@@ -8,28 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
-from massid.errors import LogError
-from massid.log.alignment import Alignment, align
+from massid.errors import LogError, printable
+from massid.log.alignment import Alignment, Stream, align
 from massid.log.columns import TopicColumns
 from massid.log.container import Contents, TopicInfo, read_messages
-from massid.log.conventions import NANOSECONDS, to_world, xyzw_to_wxyz
-from massid.log.schemas import JOINT_STATE, ODOMETRY, WRENCH_STAMPED
-from massid.log.topics import TopicMap
+from massid.log.conventions import NANOSECONDS
+from massid.log.roles import Signal, read_base, read_contact, read_joints
+from massid.log.schemas import JOINT_STATE as JOINT_STATE_TYPE
+from massid.log.schemas import ODOMETRY, WRENCH_STAMPED
+from massid.log.topics import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
 from massid.log.walk import Walk
 from massid.log.writer import COMPLETE, METADATA_NAME
 from massid.typing import FloatArray
 
-_XYZ = ("x", "y", "z")
-_ODOMETRY_GROUPS = {
-    "position": [f"pose.pose.position.{axis}" for axis in _XYZ],
-    "orientation": [f"pose.pose.orientation.{axis}" for axis in (*_XYZ, "w")],
-    "linear velocity": [f"twist.twist.linear.{axis}" for axis in _XYZ],
-    "angular velocity": [f"twist.twist.angular.{axis}" for axis in _XYZ],
-}
-_JOINT_GROUPS = {name: [name] for name in ("position", "velocity", "effort")}
-_CONTACT_GROUPS = {"wrench": [f"wrench.{kind}.{axis}" for kind in ("force", "torque") for axis in _XYZ]}
-_EXACT_NORM = 1e-6  # farther from 1 than a float32 quaternion gets: normalised, and said
-_SOUND_NORM = 1e-3  # farther off than this it is no attitude
+_TYPES = {BASE_STATE: ODOMETRY, JOINT_STATE: JOINT_STATE_TYPE, WRENCH: WRENCH_STAMPED}
 
 
 def read_walk(path: Path | str, topics: TopicMap | None = None) -> Walk:
@@ -38,17 +30,22 @@ def read_walk(path: Path | str, topics: TopicMap | None = None) -> Walk:
     What is sound in a damaged or unfinished file is used; what was lost stands in `Walk.warnings`.
 
     Args:
-        path: an MCAP file of ROS 2 messages; a `.partial` file that a killed recorder left is fine.
-        topics: which topic plays which role, by default the names that `massid` records.
+        path: an MCAP file; a `.partial` file that a killed recorder left is fine.
+        topics: which topic plays which role, by default the names that `massid` records; see `load_topics`.
 
     Raises:
         LogError: the file is not MCAP; a role has no topic; names and arrays of the joints do not match;
-            a value is not finite or a quaternion is no attitude; rates or stamps of the topics differ.
+            no sample is finite; no stretch of time is covered by all roles.
     """
     path = Path(path)
     reader = _Reader(str(path), topics or TopicMap())
     contents = read_messages(path, reader.topics.uses, reader.receive)
-    return reader.walk(contents)
+    try:
+        return reader.walk(contents)
+    except LogError as error:
+        if contents.warnings and "The file is damaged" not in str(error):
+            raise LogError(f"{error} The file is damaged: {contents.warnings[0]}") from error
+        raise
 
 
 class _Reader:
@@ -60,174 +57,143 @@ class _Reader:
         self.columns: dict[str, TopicColumns] = {}
         self.warnings: list[str] = []
 
-    def receive(self, info: TopicInfo, messages: list[bytes]) -> None:
+    def receive(self, info: TopicInfo, records: list[bytes]) -> None:
         if info.topic not in self.columns:
-            groups: Mapping[str, Sequence[str]] = _CONTACT_GROUPS
-            if info.topic == self.topics.odometry.topic:
-                groups = _ODOMETRY_GROUPS
-            elif info.topic == self.topics.joint_states.topic:
-                groups = _JOINT_GROUPS
-            self.columns[info.topic] = TopicColumns(self.source, info, groups)
-        self.columns[info.topic].receive(messages)
+            self.columns[info.topic] = TopicColumns(self.source, info, self.topics.fields(info.topic))
+        self.columns[info.topic].receive(records)
 
     def walk(self, contents: Contents) -> Walk:
         self.warnings += contents.warnings
-        odometry = self.required("base state", self.topics.odometry.topic, ODOMETRY, contents)
-        joints = self.required("joint state", self.topics.joint_states.topic, JOINT_STATE, contents)
-        contacts = self.contacts(contents)
-        root_body = self.root_body(odometry)
-        joint_names = self.joint_names(joints)
-        position, velocity, effort = self.joint_values(joints, joint_names)
-        base = self.base(odometry)
-        wrenches = {topic.info.topic: self.finite(topic, "wrench") for topic in contacts.values()}
-        used = [odometry, joints, *contacts.values()]
-        alignment = align({topic.info.topic: topic.stamps_ns for topic in used}, self.source)
+        base_map, joint_map = self.topics.base, self.topics.joints
+        if base_map is None or joint_map is None:
+            role = BASE_STATE if base_map is None else JOINT_STATE
+            raise LogError(f"{self.source}: no {role}: the topic map has none.{self.advice(role)}")
+        for role, quantity, source in self.topics.sources():
+            self.check_supply(role, quantity, source, contents)
+        wrenches = self.contact_topics(contents)
+        body = self.name(base_map.body, base_map.position.topic, "the name of the root body")
+        base = read_base(base_map, self.columns, self.warnings)
+        joints = read_joints(joint_map, self.columns, self.topics.lag_s)
+        lag_s = self.topics.lag_s.get("wrench", 0.0)
+        contacts = {name: read_contact(layout, columns, lag_s) for name, (layout, columns) in wrenches.items()}
+        signals = [*base.signals, *joints.signals, *(contact.signal for contact in contacts.values())]
+        for columns in {id(signal.columns): signal.columns for signal in signals}.values():
+            self.warnings += columns.warnings()
+        alignment = self.align(signals)
         self.warnings += alignment.warnings
         metadata = dict(contents.metadata.get(METADATA_NAME, {}))
         self.check_metadata(metadata, alignment)
-        at_base = alignment.rows[odometry.info.topic]
-        at_joints = alignment.rows[joints.info.topic]
-        picked = [wrenches[topic.info.topic][alignment.rows[topic.info.topic]] for topic in contacts.values()]
+        qpos, qvel = joints.on(alignment, base.on(alignment))
+        effort = joints.effort.on(alignment)
+        wrench = np.empty((len(qpos), len(contacts), 6))
+        for column, contact in enumerate(contacts.values()):
+            wrench[:, column] = contact.signal.on(alignment)
         return Walk(
-            root_body=root_body,
-            joint_names=joint_names,
+            root_body=body,
+            joint_names=joints.names,
             contact_bodies=tuple(contacts),
             stamps_ns=alignment.stamps_ns,
-            qpos=_read_only(np.hstack([base[at_base, :7], position[at_joints]])),
-            qvel=_read_only(np.hstack([base[at_base, 7:], velocity[at_joints]])),
-            effort=_read_only(effort[at_joints]),
-            wrench=_read_only(np.stack(picked, axis=1)),
+            qpos=_read_only(qpos),
+            qvel=_read_only(qvel),
+            effort=_read_only(effort),
+            wrench=_read_only(wrench),
             timestep_s=alignment.period_ns / NANOSECONDS,
             segments=alignment.segments,
             metadata=metadata,
-            warnings=tuple(f"{self.source}: {line}" for line in self.warnings),
+            warnings=tuple(printable(f"{self.source}: {line}") for line in self.warnings),
             source=self.source,
+            world_wrenches=tuple(name for name, c in contacts.items() if c.layout.frame is Frame.WORLD),
         )
 
-    def required(self, role: str, topic: str, message_type: str, contents: Contents) -> TopicColumns:
-        """Return the columns of a topic that identification cannot do without."""
-        if topic in self.columns:
-            return self.columns[topic]
-        found = "is there but holds no sample" if topic in contents.topics else "is not in the log"
+    def check_supply(self, role: str, quantity: str, source: Source, contents: Contents) -> None:
+        """Pass if a topic is in the log and holds messages that can be decoded.
+
+        Raises:
+            LogError: it is not, or does not; names what is missing and what could supply it.
+        """
+        if source.topic in self.columns:
+            self.columns[source.topic].check()
+            if self.columns[source.topic].blocks:
+                return
+        found = "is there but holds no sample" if source.topic in contents.topics else "is not in the log"
+        alone = all(other.topic == source.topic for r, _, other in self.topics.sources() if r == role)
+        what = f"no {role}" if alone else f"no {quantity.replace('_', ' ')} in the {role}"
         raise LogError(
-            f"{self.source}: no {role}: topic {topic} {found}. {self.supply(message_type, contents)}{self.damage()}"
+            f"{self.source}: {what}: topic {source.topic} {found}.{self.advice(role)} {self.supply(role, contents)}"
         )
 
-    def contacts(self, contents: Contents) -> dict[str, TopicColumns]:
-        """Return the columns of each contact topic by body, in the order of the file's channels."""
-        prefix = self.topics.contacts.prefix
-        by_body: dict[str, TopicColumns] = {}
-        for topic in filter(self.topics.is_contact, contents.topics):
-            if topic not in self.columns:
-                self.warnings.append(f"{topic}: holds no sample; taken as no contact topic.")
-                continue
-            columns = self.columns[topic]
-            body = self.single_text(columns, "header.frame_id", "the body that the wrench acts on")
-            if body in by_body:
-                other = by_body[body].info.topic
-                raise LogError(f"{self.source}: {other} and {topic} both hold the wrench of body '{body}'.")
-            by_body[body] = columns
-        if not by_body:
-            raise LogError(
-                f"{self.source}: no contact wrench: no topic below {prefix} holds samples. "
-                f"{self.supply(WRENCH_STAMPED, contents)}{self.damage()}"
-            )
-        return by_body
+    def advice(self, role: str) -> str:
+        """What can supply a role on this kind of robot."""
+        said = self.topics.supply.get(role)
+        return f" For {self.topics.name}: {said.rstrip('.')}." if said else ""
 
-    def supply(self, message_type: str, contents: Contents) -> str:
+    def supply(self, role: str, contents: Contents) -> str:
         """Say which topics exist, and which of them could play a role of this message type."""
+        message_type = _TYPES[role]
         listed = ", ".join(f"{info.topic} ({info.message_type})" for info in contents.topics.values())
         fitting = [info.topic for info in contents.topics.values() if info.message_type == message_type]
         advice = f"Could supply it: {', '.join(fitting)}." if fitting else f"A topic of {message_type} supplies it."
         return f"{advice} The log has: {listed or 'no topics'}."
 
-    def damage(self) -> str:
-        return f" The file is damaged: {self.warnings[0]}" if self.warnings else ""
+    def contact_topics(self, contents: Contents) -> dict[str, tuple[ContactMap, TopicColumns]]:
+        """Return each body's contact map and columns, in the order of the file's channels."""
+        by_body: dict[str, tuple[ContactMap, TopicColumns]] = {}
+        for topic in contents.topics:
+            contact = self.topics.contact(topic)
+            if contact is None:
+                continue
+            if topic in self.columns:
+                self.columns[topic].check()
+            if topic not in self.columns or not self.columns[topic].blocks:
+                self.warnings.append(f"{topic}: holds no sample; taken as no contact topic.")
+                continue
+            body = self.name(contact.body, topic, "the body that the wrench acts on")
+            if body in by_body:
+                other = by_body[body][1].info.topic
+                raise LogError(f"{self.source}: {other} and {topic} both hold the wrench of body '{body}'.")
+            by_body[body] = (contact, self.columns[topic])
+        if not by_body:
+            wanted = ", ".join(contact.topic for contact in self.topics.contacts) or "those of the topic map (none)"
+            raise LogError(
+                f"{self.source}: no contact wrench: no topic like {wanted} holds samples.{self.advice(WRENCH)} "
+                f"{self.supply(WRENCH, contents)}"
+            )
+        return by_body
 
-    def single_text(self, columns: TopicColumns, path: str, meaning: str) -> str:
-        """Return a text field that must be the same in all messages of a topic."""
-        where = f"{self.source}: {columns.info.topic}"
-        found = list(dict.fromkeys(block.layout.strings.get(path, ("",)) for block in columns.blocks))
+    def name(self, given: str | TextField, topic: str, meaning: str) -> str:
+        """Return a body's name: as given, or from a text field that must be the same in all messages of a topic."""
+        if not isinstance(given, TextField):
+            return given
+        columns = self.columns[topic]
+        found = columns.texts(given.path)
         if len(found) > 1:
-            texts = ", ".join(f"'{texts[0]}'" for texts in found)
-            raise LogError(f"{where}: {path} changes within the log ({texts}), expected one name.")
-        if not found[0][0]:
-            raise LogError(f"{where}: {path} is empty, expected {meaning}.")
-        return found[0][0]
+            listed = ", ".join(f"'{texts[0] if texts else ''}'" for texts in list(found)[:4])
+            raise LogError(f"{columns.where}: {given.path} changes within the log ({listed}), expected one name.")
+        (texts,) = found
+        if not texts or not texts[0]:
+            raise LogError(f"{columns.where}: {given.path} is empty, expected {meaning}.")
+        return texts[0]
 
-    def root_body(self, odometry: TopicColumns) -> str:
-        return self.single_text(odometry, "child_frame_id", "the name of the root body")
-
-    def joint_names(self, joints: TopicColumns) -> tuple[str, ...]:
-        names = joints.blocks[0].layout.strings.get("name", ())
-        where = f"{self.source}: {joints.info.topic}: sample 0"
-        if not names:
-            raise LogError(f"{where}: no joint names.")
-        for name in names:
-            if names.count(name) > 1:
-                raise LogError(f"{where}: joint '{name}' occurs {names.count(name)} times, expected once.")
-        return names
-
-    def joint_values(self, joints: TopicColumns, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return position, velocity and effort in the order of `names`, each of shape (n, n_j)."""
-        where = f"{self.source}: {joints.info.topic}"
-        parts: dict[str, list[FloatArray]] = {name: [] for name in _JOINT_GROUPS}
-        sample = 0
-        for block in joints.blocks:
-            here = block.layout.strings.get("name", ())
-            if sorted(here) != sorted(names):
-                missing, extra = sorted(set(names) - set(here)), sorted(set(here) - set(names))
-                raise LogError(
-                    f"{where}: sample {sample}: the joints differ from those of sample 0 "
-                    f"(missing: {', '.join(missing) or 'none'}; new: {', '.join(extra) or 'none'})."
-                )
-            order = None if here == names else [here.index(name) for name in names]
-            for group, values in block.groups.items():
-                if values.shape[1] != len(names):
-                    raise LogError(
-                        f"{where}: sample {sample}: {group} has {values.shape[1]} values, "
-                        f"expected one for each of the {len(names)} joints."
-                    )
-                parts[group].append(values if order is None else values[:, order])
-            sample += len(block)
-        columns = {group: np.concatenate(values) for group, values in parts.items()}
-        for group, values in columns.items():
-            self.check_finite(joints, values, [f"{group} of joint '{name}'" for name in names])
-        return columns["position"], columns["velocity"], columns["effort"]
-
-    def base(self, odometry: TopicColumns) -> FloatArray:
-        """Return position, wxyz quaternion, world velocity and body angular velocity, shape (n, 13)."""
-        position, xyzw, linear, angular = (self.finite(odometry, group) for group in _ODOMETRY_GROUPS)
-        quaternion = xyzw_to_wxyz(xyzw)
-        norm = np.linalg.norm(quaternion, axis=1)
-        off = np.abs(norm - 1.0)
-        if off.max() > _SOUND_NORM:
-            row = int(np.argmax(off > _SOUND_NORM))
+    def align(self, signals: Sequence[Signal]) -> Alignment:
+        """Put the clocks of all signals side by side; a signal's lag is taken off its stamps."""
+        topics = {signal.columns.info.topic: signal.columns for signal in signals}
+        clock = self.topics.clock
+        lacking = [topic for topic, columns in topics.items() if columns.header_ns() is None]
+        if lacking and clock is Clock.HEADER:
             raise LogError(
-                f"{self.source}: {odometry.info.topic}: sample {row}: orientation has norm {norm[row]:.6g}, "
-                f"expected 1 within {_SOUND_NORM}."
+                f"{self.source}: no header stamps on {', '.join(lacking)}; use `clock: log` in the topic map."
             )
-        if off.max() > _EXACT_NORM:
-            self.warnings.append(
-                f"{odometry.info.topic}: {int((off > _EXACT_NORM).sum())} quaternions are off unit norm "
-                f"by up to {off.max():.2g}; normalised."
-            )
-            quaternion = np.where((off > _EXACT_NORM)[:, None], quaternion / norm[:, None], quaternion)
-        return np.hstack([position, quaternion, to_world(quaternion, linear), angular])
-
-    def finite(self, columns: TopicColumns, group: str) -> FloatArray:
-        values = columns.group(group)
-        self.check_finite(columns, values, columns.groups[group])
-        return values
-
-    def check_finite(self, columns: TopicColumns, values: FloatArray, fields: Sequence[str]) -> None:
-        bad = ~np.isfinite(values)
-        if bad.any():
-            row, column = np.argwhere(bad)[0]
-            raise LogError(
-                f"{self.source}: {columns.info.topic}: sample {row}: {fields[column]} is "
-                f"{values[row, column]}, expected a finite number ({int(bad.sum())} such values on this topic)."
-            )
+        if lacking and clock is Clock.AUTO:
+            self.warnings.append(f"no header stamps on {', '.join(lacking)}, so time is that of recording.")
+        by_log = clock is Clock.LOG or bool(lacking)
+        streams: dict[str, Stream] = {}
+        for signal in signals:
+            header = signal.columns.header_ns()
+            stamps = signal.columns.log_ns() if by_log or header is None else header
+            usable = stamps[signal.columns.usable()] - round(signal.lag_s * NANOSECONDS)
+            known = streams.get(signal.stream)
+            streams[signal.stream] = Stream(usable, signal.held and (known is None or known.held))
+        return align(streams, self.source, self.topics.rate, even=by_log)
 
     def check_metadata(self, metadata: Mapping[str, str], alignment: Alignment) -> None:
         """Warn where the recorder's own words and the stamps disagree, or the recording ended early."""

@@ -1,48 +1,230 @@
-"""Which topic of a log plays which role."""
+"""Which topic and field of a log plays which role, and in which convention it is written."""
 
 from __future__ import annotations
 
+import enum
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 
+BASE_STATE, JOINT_STATE, WRENCH = "base state", "joint state", "contact wrench"
+
+
+class Order(enum.StrEnum):
+    """What the numbers of an attitude are, in the order in which they are stored."""
+
+    XYZW = "xyzw"
+    WXYZ = "wxyz"
+    RPY = "rpy"
+    """Roll, pitch and yaw [rad]: turns about the fixed x, y and z axes in this order."""
+
+
+class Frame(enum.StrEnum):
+    """The frame in which a vector is expressed."""
+
+    BODY = "body"
+    WORLD = "world"
+
+
+class On(enum.StrEnum):
+    """What a measured force acts on."""
+
+    ROBOT = "robot"
+    GROUND = "ground"
+
+
+class Rate(enum.StrEnum):
+    """The clock of a walk whose topics have clocks of their own."""
+
+    SLOWEST = "slowest"
+    FASTEST = "fastest"
+
+
+class Clock(enum.StrEnum):
+    """Where the time of a sample comes from."""
+
+    AUTO = "auto"
+    """Header stamps if every topic in use has them, else log time."""
+    HEADER = "header"
+    LOG = "log"
+
 
 @dataclass(frozen=True)
-class OdometrySource:
-    """Where the state of the base comes from: a nav_msgs/msg/Odometry topic."""
+class Source:
+    """Where one quantity comes from.
 
-    topic: str = "/odom"
+    Attributes:
+        topic: name of the topic.
+        fields: dotted paths in its messages; a path that ends in a message stands for its x, y, z (and w), `[:]`
+            stands for all elements of an array, `[0:29]` for some.
+        scale: the numbers times this are in SI units.
+    """
+
+    topic: str
+    fields: tuple[str, ...]
+    scale: float = 1.0
 
 
 @dataclass(frozen=True)
-class JointSource:
-    """Where joint positions, velocities and efforts come from: a sensor_msgs/msg/JointState topic."""
+class TextField:
+    """A name that the messages themselves hold, at this path."""
 
-    topic: str = "/joint_states"
+    path: str
 
 
 @dataclass(frozen=True)
-class ContactSource:
-    """Where contact wrenches come from: every geometry_msgs/msg/WrenchStamped topic below a prefix."""
+class BaseMap:
+    """Where the state of the floating base comes from.
 
-    prefix: str = "/contact/"
+    Attributes:
+        body: name of the base body, or where the messages of `position` hold it.
+        position: origin of the body in the world [m].
+        orientation: attitude of the body in the world.
+        linear_velocity: velocity of that origin [m/s].
+        angular_velocity: turn rate of the body [rad/s].
+        order: of the attitude's numbers.
+        linear_frame: in which frame the linear velocity is expressed.
+        angular_frame: in which frame the angular velocity is expressed.
+    """
+
+    body: str | TextField
+    position: Source
+    orientation: Source
+    linear_velocity: Source
+    angular_velocity: Source
+    order: Order = Order.XYZW
+    linear_frame: Frame = Frame.BODY
+    angular_frame: Frame = Frame.BODY
+
+    @property
+    def sources(self) -> dict[str, Source]:
+        """Source of each quantity by name."""
+        names = ("position", "orientation", "linear_velocity", "angular_velocity")
+        return {name: getattr(self, name) for name in names}
+
+
+@dataclass(frozen=True)
+class JointMap:
+    """Where the states and torques of the joints come from.
+
+    Attributes:
+        names: joint names in the order of the arrays ("-" for a place that no joint uses), or where the messages of
+            `position` hold them.
+        position: [rad] or [m].
+        velocity: [rad/s] or [m/s].
+        effort: torque that each joint's actuator exerted [N m] or [N].
+        rename: from the log's name of a joint to the model's.
+        ignore: patterns of joints of the log that the model does not have.
+        locked: by pattern, joints of the model that the log does not show, and where they were held [rad or m].
+        passive: patterns of joints without an actuator: their effort is zero whatever the log says.
+    """
+
+    names: tuple[str, ...] | TextField
+    position: Source
+    velocity: Source
+    effort: Source
+    rename: Mapping[str, str] = field(default_factory=dict)
+    ignore: tuple[str, ...] = ()
+    locked: Mapping[str, float] = field(default_factory=dict)
+    passive: tuple[str, ...] = ()
+
+    @property
+    def sources(self) -> dict[str, Source]:
+        """Source of each quantity by name."""
+        return {name: getattr(self, name) for name in ("position", "velocity", "effort")}
+
+
+@dataclass(frozen=True)
+class ContactMap:
+    """Where the contact wrench of one body, or of several bodies, comes from.
+
+    Attributes:
+        topic: name of the topic; `*` stands for anything, as in /contact/*.
+        body: name of the body, or where the messages hold it.
+        force: path of the force [N].
+        torque: path of the moment [N m].
+        on: what the force acts on.
+        frame: in which frame the wrench is expressed.
+        position: origin of the sensor in the body's frame [m].
+        rotation: attitude of the sensor in the body's frame (wxyz).
+    """
+
+    topic: str = "/contact/*"
+    body: str | TextField = TextField("header.frame_id")
+    force: str = "wrench.force"
+    torque: str = "wrench.torque"
+    on: On = On.ROBOT
+    frame: Frame = Frame.BODY
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+    def matches(self, topic: str) -> bool:
+        """Tell whether a topic is one of these."""
+        pattern = ".+".join(re.escape(part) for part in self.topic.split("*"))
+        return re.fullmatch(pattern, topic) is not None
+
+
+def _odometry(topic: str) -> BaseMap:
+    return BaseMap(
+        body=TextField("child_frame_id"),
+        position=Source(topic, ("pose.pose.position",)),
+        orientation=Source(topic, ("pose.pose.orientation",)),
+        linear_velocity=Source(topic, ("twist.twist.linear",)),
+        angular_velocity=Source(topic, ("twist.twist.angular",)),
+    )
+
+
+def _joint_states(topic: str) -> JointMap:
+    position, velocity, effort = (Source(topic, (name,)) for name in ("position", "velocity", "effort"))
+    return JointMap(TextField("name"), position, velocity, effort)
 
 
 @dataclass(frozen=True)
 class TopicMap:
-    """The topic of each role; the defaults are the names that `massid` itself records."""
+    """Where each role of a log is found; the defaults are what `massid` itself records.
 
-    odometry: OdometrySource = field(default_factory=OdometrySource)
-    joint_states: JointSource = field(default_factory=JointSource)
-    contacts: ContactSource = field(default_factory=ContactSource)
+    Attributes:
+        base: state of the floating base; None if nothing supplies it.
+        joints: states and torques of the joints; None if nothing supplies them.
+        contacts: contact wrenches.
+        clock: where time comes from.
+        rate: which topic's rate a walk gets if they differ.
+        lag_s: by stream ("joints", "effort", "wrench"), how much later than the base's its samples are stamped [s].
+        supply: by role, what can supply it on this robot: said when it is missing.
+        name: of the preset or file, for messages.
+    """
+
+    base: BaseMap | None = field(default_factory=lambda: _odometry("/odom"))
+    joints: JointMap | None = field(default_factory=lambda: _joint_states("/joint_states"))
+    contacts: tuple[ContactMap, ...] = (ContactMap(),)
+    clock: Clock = Clock.AUTO
+    rate: Rate = Rate.SLOWEST
+    lag_s: Mapping[str, float] = field(default_factory=dict)
+    supply: Mapping[str, str] = field(default_factory=dict)
+    name: str = "massid"
+
+    def sources(self) -> Iterator[tuple[str, str, Source]]:
+        """Yield role, quantity and source of every single-topic quantity."""
+        for role, group in ((BASE_STATE, self.base), (JOINT_STATE, self.joints)):
+            if group is not None:
+                for quantity, source in group.sources.items():
+                    yield role, quantity, source
+
+    def contact(self, topic: str) -> ContactMap | None:
+        """Return the contact map that a topic belongs to."""
+        return next((contact for contact in self.contacts if contact.matches(topic)), None)
 
     def uses(self, topic: str) -> bool:
         """Tell whether a topic plays any role."""
-        return topic in (self.odometry.topic, self.joint_states.topic) or self.is_contact(topic)
+        return any(source.topic == topic for _, _, source in self.sources()) or self.contact(topic) is not None
 
-    def is_contact(self, topic: str) -> bool:
-        """Tell whether a topic carries the contact wrench of a body."""
-        return topic.startswith(self.contacts.prefix) and len(topic) > len(self.contacts.prefix)
+    def fields(self, topic: str) -> dict[str, tuple[str, ...]]:
+        """Return the fields that are wanted from a topic, by a key of their own."""
+        wanted = {f"{role} {quantity}": s.fields for role, quantity, s in self.sources() if s.topic == topic}
+        contact = self.contact(topic)
+        if contact is not None:
+            wanted["wrench"] = (contact.force, contact.torque)
+        return wanted
 
 
 def contact_topic(prefix: str, body: str, taken: Collection[str]) -> str:

@@ -7,7 +7,7 @@ The reader converts from ROS conventions once; nothing behind this class sees an
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -65,6 +65,8 @@ class Walk:
         metadata: what the recorder said about the log (model file, hash, sensor noise), never any truth.
         warnings: what was lost or repaired while reading, one line each.
         source: where the walk came from, for messages.
+        world_wrenches: contact bodies whose wrench is still expressed in the world: turning it into the body takes the
+            robot's model (`Robot.align`).
     """
 
     root_body: str
@@ -80,6 +82,7 @@ class Walk:
     metadata: dict[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     source: str = "walk"
+    world_wrenches: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         n, n_j, n_c = len(self.stamps_ns), len(self.joint_names), len(self.contact_bodies)
@@ -152,18 +155,10 @@ class Walk:
         if columns == list(range(len(self.joint_names))):
             return self
         picked = np.asarray(columns, dtype=np.int64)
-        return Walk(
-            root_body=self.root_body,
+        return replace(
+            self,
             joint_names=joint_names,
-            contact_bodies=self.contact_bodies,
-            stamps_ns=self.stamps_ns,
             qpos=np.hstack([self.qpos[:, :7], self.qpos[:, 7 + picked]]),
             qvel=np.hstack([self.qvel[:, :6], self.qvel[:, 6 + picked]]),
             effort=self.effort[:, picked],
-            wrench=self.wrench,
-            timestep_s=self.timestep_s,
-            segments=self.segments,
-            metadata=self.metadata,
-            warnings=self.warnings,
-            source=self.source,
         )

@@ -14,11 +14,12 @@ from massid.errors import LogError
 from massid.log.conventions import NANOSECONDS, to_body, wxyz_to_xyzw
 from massid.log.schemas import JOINT_STATE, ODOMETRY, WRENCH_STAMPED
 from massid.log.sink import CHUNK_BYTES, McapSink, Topic
-from massid.log.topics import TopicMap, contact_topic
+from massid.log.topics import contact_topic
 from massid.typing import AnyArray, FloatArray, IntArray
 
 METADATA_NAME = "massid"
 COMPLETE = "complete"
+ODOMETRY_TOPIC, JOINT_STATES_TOPIC, CONTACT_PREFIX = "/odom", "/joint_states", "/contact/"
 _RESERVED = ("root_body", "timestep_s", "end")
 _NORM_TOLERANCE = 1e-6
 _LAST_STAMP = (1 << 31) * NANOSECONDS  # ROS counts seconds in an int32
@@ -76,15 +77,14 @@ class WalkWriter:
         self._sink = McapSink(self.path)
         self._sink.add_metadata(METADATA_NAME, self._metadata)
         n_j = len(joint_names)
-        topics = TopicMap()
         self._odometry = self._sink.add_topic(
-            topics.odometry.topic,
+            ODOMETRY_TOPIC,
             ODOMETRY,
             {"header.frame_id": "world", "child_frame_id": root_body},
             [*_POSE, *_TWIST],
         )
         self._joints = self._sink.add_topic(
-            topics.joint_states.topic,
+            JOINT_STATES_TOPIC,
             JOINT_STATE,
             {"name": joint_names, "position": [0] * n_j, "velocity": [0] * n_j, "effort": [0] * n_j},
             ["position", "velocity", "effort"],
@@ -253,7 +253,7 @@ class WalkWriter:
 
     def _add_contact(self, body: str) -> None:
         """Give a body its topic, with a zero wrench for each sample that is already in the file."""
-        name = contact_topic(TopicMap().contacts.prefix, body, self._sink.topics)
+        name = contact_topic(CONTACT_PREFIX, body, self._sink.topics)
         topic = self._sink.add_topic(name, WRENCH_STAMPED, {"header.frame_id": body}, _WRENCH)
         self._contacts[body] = topic
         self._wrenches[body] = np.zeros((len(self._stamps), 6))

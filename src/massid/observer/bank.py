@@ -107,8 +107,8 @@ class RobotBank:
         shift = (change[:, :n_sampled] / self.space.scale[:n_sampled]) @ by_parameter
         shift += self._injection.state_shift(change[0, n_sampled:])
         engine.qpos[:], engine.qvel[:] = engine.qpos[0], engine.qvel[0]
-        self._innovation[:] = self._innovation[0] - shift
         correct_state(engine.qpos, engine.qvel, shift, *addresses)
+        self._compare(*self._last_measured)
 
     def advance(self, block: ReplayBlock) -> OutputErrors:
         """Run every model through the block; see `OutputErrors`."""
@@ -116,6 +116,7 @@ class RobotBank:
         gains = self._injection.gains(block)
         innovation, injected = self._innovation, self._injected
         addresses = (layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof)
+        self._last_measured = (block.qpos[-1].copy(), block.qvel[-1].copy())
         errors = np.empty((len(block), *innovation.shape))
         with engine.quiet(), np.errstate(invalid="ignore", over="ignore"):
             for k in range(len(block)):
@@ -129,9 +130,7 @@ class RobotBank:
                     np.matmul(innovation, gains.force[k].T, out=injected)
                     np.add(engine.force, injected, out=engine.force)
                 engine.step()
-                state_difference(engine.qpos, engine.qvel, block.qpos[k + 1], block.qvel[k + 1], *addresses, innovation)
-                if self._sensors is not None:
-                    innovation[:, layout.joint_dof] -= self._sensors.encoder_offset
+                self._compare(block.qpos[k + 1], block.qvel[k + 1])
                 np.negative(innovation, out=errors[k])
             if gains.whitener.ndim == 1:
                 errors *= gains.whitener
@@ -143,6 +142,14 @@ class RobotBank:
             tangents=None if gains.tangents is None else gains.tangents.transpose(1, 0, 2),
             noise_slope=gains.noise_slope,
         )
+
+    def _compare(self, qpos: FloatArray, qvel: FloatArray) -> None:
+        """Write every model's innovation: what is measured, less what its encoders read too much, minus its state."""
+        engine, layout = self._engine, self.robot.layout
+        addresses = (layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof)
+        state_difference(engine.qpos, engine.qvel, qpos, qvel, *addresses, self._innovation)
+        if self._sensors is not None:
+            self._innovation[:, layout.joint_dof] -= self._sensors.encoder_offset
 
     def _correct_inputs(self, sensors: SensorErrors) -> None:
         """Take the sensors' errors out of the inputs."""

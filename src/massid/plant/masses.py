@@ -69,7 +69,7 @@ class HiddenMasses:
         return robot.model_at(space, np.array([masses[parameter.target] for parameter in space.parameters]))
 
     def _space(self, robot: Robot) -> ParameterSpace:
-        return robot.mass_space(self.error_kg)
+        return robot.mass_space(self.error_kg, welded_too=True)
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class MassErrors:
             ModelError: a name is not a link with a mass.
             BadInputError: the norm is negative, or larger than Theta allows.
         """
-        space = robot.mass_space(self.links or default_links(robot))
+        space = robot.mass_space(self.links or default_links(robot), welded_too=True)
         norm_kg = default_norm_kg(robot, space) if self.norm_kg is None else self.norm_kg
         if not norm_kg >= 0.0:
             raise BadInputError(f"The norm of the mass errors is {norm_kg} kg; it must not be negative.")

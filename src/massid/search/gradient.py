@@ -29,18 +29,22 @@ def estimate_gradient(monitoring: Monitoring, estimator: GradientEstimator, rng:
     monitoring.require_finite()
     proposal = monitoring.proposal
     samples = proposal.samples[~monitoring.diverged[proposal.samples]]
-    offsets = proposal.points[samples] - proposal.points[proposal.centre]
+    n_p = monitoring.n_sampled
+    offsets = proposal.points[samples, :n_p] - proposal.points[proposal.centre, :n_p]
     rise = monitoring.mu[samples] - monitoring.mu[proposal.centre]
-    n_p = offsets.shape[1]
     match estimator:
         case "differences":
-            gradient, *_ = np.linalg.lstsq(offsets[:n_p], rise[:n_p])
-            return np.asarray(gradient)
+            sampled, *_ = np.linalg.lstsq(offsets[:n_p], rise[:n_p])
         case "least-squares":
-            return _affine_fit(offsets, rise)[1:]
+            sampled = _affine_fit(offsets, rise)[1:]
         case "ransac":
             inliers = ransac_inliers(offsets, rise, rng)
-            return _affine_fit(offsets[inliers], rise[inliers])[1:]
+            sampled = _affine_fit(offsets[inliers], rise[inliers])[1:]
+    if n_p == proposal.points.shape[1]:
+        return np.asarray(sampled)
+    gradient = monitoring.local_quadratic().gradient.copy()  # coordinates without samples come from their tangents
+    gradient[:n_p] = sampled
+    return gradient
 
 
 def ransac_inliers(offsets: FloatArray, rise: FloatArray, rng: np.random.Generator) -> BoolArray:

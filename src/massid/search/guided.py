@@ -21,6 +21,9 @@ from massid.search.sampling import Sampling, sample_locally
 from massid.search.scan import choose_scanned, scan_points, scanned_columns
 from massid.typing import FloatArray
 
+LARGEST_MISS = 0.1
+"""Share of what a model gained over the centre by which the quadratic may miss its score and still be trusted there."""
+
 
 @dataclass(frozen=True)
 class SearchOptions:
@@ -135,6 +138,8 @@ class GuidedSearch:
         self._direction = DIRECTIONS[self.options.direction](self.options.step_size)
         self._line_search = LineSearch(self.options.largest_step)
         self._reach = 0.0  # of the last step, as a multiple of the scales
+        self._from: FloatArray | None = None  # where it began
+        self._stepped = False  # whether the last window ended with a step
         self._scanned = scanned_columns(space, self.options.scan)
         if len(self._scanned):
             self._fill_scan(starts)
@@ -171,15 +176,14 @@ class GuidedSearch:
             quadratic = replace(quadratic, gradient=estimate_gradient(monitoring, estimator, self._rng))
         best = self._models.select_best(monitoring)
         trusted = _is_trusted(quadratic, monitoring, best)
+        self._line_search = self._judge_last_step(monitoring.proposal.points[best], trusted)
         quadratic = quadratic.shifted(monitoring.proposal.points[best])
         newton_step = GaussNewtonDirection().step(quadratic, self.space)
+        step = np.zeros(len(self.space))
         if trusted:
             step = self._direction.step(quadratic, self.space)
             step = self._line_search.limit(quadratic.centre, step, self.space)
-            self._line_search = self._line_search.widened(options.largest_step)
-        else:
-            step = np.zeros(len(self.space))
-            self._line_search = self._line_search.narrowed(max(self._reach, options.smallest_radius))
+        self._from, self._stepped = quadratic.centre, trusted
         iteration = self._update(monitoring, best, quadratic, quadratic.centre + step, newton_step)
         candidates: list[FloatArray] = []
         if trusted:
@@ -190,6 +194,17 @@ class GuidedSearch:
         self._fill(self._estimate, [*candidates, *kept])
         return iteration
 
+    def _judge_last_step(self, best: FloatArray, trusted: bool) -> LineSearch:
+        """Narrow the step cap after a failure: the search went back to where it was, or its quadratic missed.
+
+        Near p* noise may send a search back a hair's breadth, so second-order directions count only the latter.
+        """
+        went_back = self._from is not None and bool(np.array_equal(best, self._from))
+        failed = not trusted if self.options.direction in SECOND_ORDER else went_back
+        if failed:
+            return self._line_search.narrowed(max(self._reach, self.options.smallest_radius))
+        return self._line_search.widened(self.options.largest_step) if self._stepped else self._line_search
+
     def _tell_scan(self, monitoring: Monitoring) -> Iteration:
         """Go to the best of the scanned points; what led there runs beside it as candidates."""
         choice = choose_scanned(monitoring, self._scanned, self.space)
@@ -198,6 +213,7 @@ class GuidedSearch:
             monitoring, choice.best, quadratic, choice.estimate, choice.estimate - quadratic.centre
         )
         points = monitoring.proposal.points
+        self._stepped = True
         self._reach = float(np.max(np.abs(self._estimate - points[choice.best]) / self.space.scale))
         self._fill(self._estimate, [points[choice.best], points[self._models.select_best(monitoring)]])
         return iteration
@@ -253,15 +269,15 @@ class GuidedSearch:
                 f"A bank of {self._n_models} models leaves none to scan {', '.join(self.options.scan)} with: use at "
                 f"least {n_p + 1 + len(starts)} models."
             )
-        self._models.insert_candidates(scan_points(self.space, starts[0], self._scanned, rest))
+        self._models.insert_candidates(list(scan_points(self.space, starts[0], self._scanned, rest)))
 
 
 def _is_trusted(quadratic: LocalQuadratic, monitoring: Monitoring, best: int) -> bool:
-    """Whether the samples' quadratic reaches as far as p_best: it must not miss what was gained there by all of it.
+    """Whether the samples' quadratic reaches as far as p_best: it may miss the score there by a tenth of the gain.
 
     Guesses and kept models may lie far from the samples; from such a one the search takes no step, but samples there.
     """
     if best == monitoring.proposal.centre:
         return True
     gained = float(monitoring.mu[monitoring.proposal.centre] - monitoring.mu[best])
-    return abs(quadratic.at(monitoring.proposal.points[best]) - float(monitoring.mu[best])) <= gained
+    return abs(quadratic.at(monitoring.proposal.points[best]) - float(monitoring.mu[best])) <= LARGEST_MISS * gained

@@ -42,6 +42,11 @@ class LocalQuadratic:
         d = point - self.centre
         return float(self.value + self.gradient @ d + 0.5 * d @ self.curvature @ d)
 
+    def change(self, offset: FloatArray, n_sampled: int) -> float:
+        """|J d|^2 of the part of an offset that models were sampled in; what enters by its derivative is affine."""
+        part = offset[:n_sampled]
+        return 0.5 * float(part @ self.curvature[:n_sampled, :n_sampled] @ part)
+
     def shifted(self, centre: FloatArray) -> LocalQuadratic:
         """The same quadratic, expanded around another point."""
         return replace(

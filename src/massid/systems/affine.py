@@ -27,8 +27,9 @@ TERMINATION = 0.3
 STIFFNESS, DAMPING = 15.0, 15.0
 THETA = 20.0
 """Theta is the cube |p_i| <= THETA; the paper names none."""
-GAIN = 2.0
-"""k of Eq. (17) [1/s], for both states."""
+GAIN = 1.0
+"""k of Eq. (17) [1/s], for both states. It sets the scale of mu, and so when Eq. (18) ends the search: between 0.5 and
+1 the paper's direction needs about as many iterations as in the paper (see docs/paper.md)."""
 INPUT = np.array([-6.0, 6.0, math.pi / 2.0, 4.0, 3.0 * math.pi / 2.0])
 """Mean of u, then amplitude and angular frequency [rad/s] of its two sines; they repeat with the dwell time."""
 FORGETTING_RATE = 0.1
@@ -50,9 +51,7 @@ def affine_rate(x: Any, p: Any, u: Any, dx: Any) -> None:
 
 def two_sines(time: float, x: Any, p: Any, settings: Any, u: Any) -> None:
     """u(t), whatever the state and the estimate are."""
-    u[0] = (
-        settings[0] + settings[1] * math.sin(settings[2] * time) + settings[3] * math.sin(settings[4] * time)
-    )
+    u[0] = settings[0] + settings[1] * math.sin(settings[2] * time) + settings[3] * math.sin(settings[4] * time)
 
 
 def affine_space(start: FloatArray = START, theta: float = THETA) -> ParameterSpace:

@@ -46,6 +46,8 @@ class Tracking:
         kd: derivative gain [1/s].
         rho: largest robust term.
         phi: boundary layer, in the unit of s.
+        limit: largest compensation term, 20 (x1 + sin x1) + 14 + exp(4 x1) near x1 = 1: more can only come of a state
+            far off the desired one, where exp(p3 x1) with a wrong p3 would drive it further.
         compensate: whether the running estimate is used; without, u has no compensation term.
     """
 
@@ -53,11 +55,12 @@ class Tracking:
     kd: float = 20.0
     rho: float = 10.0
     phi: float = 0.5
+    limit: float = 120.0
     compensate: bool = True
 
     def controller(self) -> Controller:
         """The controller, to be put into a plant."""
-        gains = (self.kp, self.kd, self.rho, self.phi, float(self.compensate))
+        gains = (self.kp, self.kd, self.rho, self.phi, self.limit if self.compensate else 0.0)
         return Controller(track_sine, np.array(gains))
 
 
@@ -69,12 +72,12 @@ def non_affine_rate(x: Any, p: Any, u: Any, dx: Any) -> None:
 
 def track_sine(time: float, x: Any, p: Any, settings: Any, u: Any) -> None:
     """Eq. (21) for x_des = sin(2 t)."""
-    kp, kd, rho, phi, compensate = settings
+    kp, kd, rho, phi, limit = settings
     position, velocity = math.sin(2.0 * time) - x[0], 2.0 * math.cos(2.0 * time) - x[1]
     surface = velocity + kp / kd * position
     robust = rho * min(1.0, max(-1.0, surface / phi))
     model = p[0] * (x[0] + math.sin(x[0])) + 14.0 * math.sin(p[1] * x[1]) + math.exp(p[2] * x[0])
-    u[0] = -4.0 * math.sin(2.0 * time) + kp * position + kd * velocity + robust - compensate * model
+    u[0] = -4.0 * math.sin(2.0 * time) + kp * position + kd * velocity + robust - min(limit, max(-limit, model))
 
 
 def desired(time_s: FloatArray) -> FloatArray:
@@ -88,9 +91,7 @@ def non_affine_space(
     """The unknowns, from an initial guess; those of further copies are called p4, p5 and so on."""
     values = np.tile(start, copies)
     return ParameterSpace(
-        tuple(
-            coefficient(f"p{i + 1}", float(value), *theta[i % 3]) for i, value in enumerate(values)
-        )
+        tuple(coefficient(f"p{i + 1}", float(value), *theta[i % 3]) for i, value in enumerate(values))
     )
 
 
@@ -112,6 +113,11 @@ def observer_gain(bandwidth: float) -> FloatArray:
     return np.array([[2.0 * bandwidth], [bandwidth**2]])
 
 
+def disturbance(noise: float = NOISE, hold_s: float = HOLD_S) -> Disturbance:
+    """Delta of Eq. (19)."""
+    return Disturbance(np.array([0.0, noise]), hold_s)
+
+
 def non_affine_plant(
     system: System,
     rng: np.random.Generator,
@@ -121,14 +127,13 @@ def non_affine_plant(
     timestep_s: float = 1e-3,
 ) -> Plant:
     """The true system under the tracking controller, at rest in the origin at the beginning."""
-    disturbance = Disturbance(np.array([0.0, noise]), hold_s) if noise > 0.0 else None
     return Plant(
         system,
         TRUTH,
         (tracking or Tracking()).controller(),
         np.zeros(2),
         timestep_s,
-        disturbance,
+        disturbance(noise, hold_s) if noise > 0.0 else None,
         None if system.whole_state else observer_gain(OBSERVER_BANDWIDTH),
         rng,
     )
@@ -158,7 +163,7 @@ def copied_controller(copies: int) -> Controller:
     gains = Tracking().controller().settings
 
     def law(time: float, x: Any, p: Any, settings: Any, u: Any) -> None:
-        kp, kd, rho, phi, compensate = settings
+        kp, kd, rho, phi, limit = settings
         for i in range(copies):
             phase = 2.0 * time + 0.5 * i
             position, velocity = math.sin(phase) - x[2 * i], 2.0 * math.cos(phase) - x[2 * i + 1]
@@ -166,6 +171,6 @@ def copied_controller(copies: int) -> Controller:
             p1, p2, p3 = p[3 * i], p[3 * i + 1], p[3 * i + 2]
             y1, y2 = x[2 * i], x[2 * i + 1]
             model = p1 * (y1 + math.sin(y1)) + 14.0 * math.sin(p2 * y2) + math.exp(p3 * y1)
-            u[i] = -4.0 * math.sin(phase) + kp * position + kd * velocity + robust - compensate * model
+            u[i] = -4.0 * math.sin(phase) + kp * position + kd * velocity + robust - min(limit, max(-limit, model))
 
     return Controller(law, gains)

@@ -31,8 +31,8 @@ class Search(Protocol):
     def ask(self) -> Proposal:
         """Points to simulate in the next window."""
 
-    def tell(self, monitoring: Monitoring) -> Iteration:
-        """Learn from one window."""
+    def tell(self, monitoring: Monitoring) -> Iteration | None:
+        """Learn from one window; None where there is nothing to say about it."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,10 @@ class OnlineRun:
     Attributes:
         times_s: end of each window, from the start at 0, shape (1 + n_windows,).
         estimates: the estimate from each of those times on, shape (1 + n_windows, n_p).
-        iterations: what the search made of each window.
+        iterations: what a guided search made of each window.
         motion_times_s: beginning of each step [s], shape (n,); empty unless asked for.
         motion: states at those times, shape (n, n_x).
+        blocks: what was measured; empty unless asked for.
         compute_s: wall time of all of it, plant included [s].
     """
 
@@ -53,6 +54,7 @@ class OnlineRun:
     iterations: tuple[Iteration, ...]
     motion_times_s: FloatArray
     motion: FloatArray
+    blocks: tuple[MeasuredBlock, ...]
     compute_s: float
 
     def errors(self, truth: FloatArray) -> FloatArray:
@@ -85,6 +87,7 @@ def run_online(
     dwell_s: float,
     forgetting_rate: float,
     keep_motion: bool = False,
+    keep_blocks: bool = False,
     stop_when_converged: bool = False,
 ) -> OnlineRun:
     """Search while the plant runs under the running estimate.
@@ -97,6 +100,7 @@ def run_online(
         dwell_s: length T of each [s].
         forgetting_rate: lambda of Eq. (6) [1/s].
         keep_motion: keep the plant's states for those who draw them.
+        keep_blocks: keep what was measured for those who replay it.
         stop_when_converged: end at the termination condition of the search (Eq. 18).
 
     Raises:
@@ -105,17 +109,23 @@ def run_online(
     """
     started = time.perf_counter()
     times, estimates = [plant.time_s], [search.estimate]
-    iterations, motion_times, motions = [], [], []
+    iterations: list[Iteration] = []
+    motion_times: list[FloatArray] = []
+    motions: list[FloatArray] = []
+    blocks: list[MeasuredBlock] = []
     for _ in range(windows):
         motion = plant.run(dwell_s, search.estimate)
         iteration = search.tell(score_block(bank, search.ask(), motion.block, forgetting_rate))
-        iterations.append(iteration)
+        if iteration is not None:
+            iterations.append(iteration)
         times.append(plant.time_s)
         estimates.append(search.estimate)
         if keep_motion:
             motion_times.append(motion.times_s)
             motions.append(motion.states)
-        if stop_when_converged and iteration.status is SearchStatus.CONVERGED:
+        if keep_blocks:
+            blocks.append(motion.block)
+        if stop_when_converged and iteration is not None and iteration.status is SearchStatus.CONVERGED:
             break
     return OnlineRun(
         times_s=np.array(times),
@@ -123,5 +133,6 @@ def run_online(
         iterations=tuple(iterations),
         motion_times_s=np.concatenate(motion_times) if motion_times else np.zeros(0),
         motion=np.concatenate(motions) if motions else np.zeros((0, plant.system.n_x)),
+        blocks=tuple(blocks),
         compute_s=time.perf_counter() - started,
     )

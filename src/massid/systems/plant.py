@@ -42,14 +42,18 @@ class Disturbance:
     deviation: FloatArray
     hold_s: float
 
-    def draw(self, n_steps: int, first_step: int, timestep_s: float, rng: np.random.Generator) -> FloatArray:
-        """Noise of the next steps, shape (n_steps, n_x); draws begin where a hold begins."""
-        hold = max(1, round(self.hold_s / timestep_s))
-        if first_step % hold or n_steps % hold:
+    def draw(self, n: int, first: int, period_s: float, rng: np.random.Generator) -> FloatArray:
+        """Noise of the next n periods of the integrator, shape (n, n_x); a draw begins where a hold begins.
+
+        Raises:
+            BadInputError: they do not begin and end with a hold.
+        """
+        hold = max(1, round(self.hold_s / period_s))
+        if first % hold or n % hold:
             raise BadInputError(
-                f"A window of {n_steps} steps does not hold a whole number of noise holds of {self.hold_s} s."
+                f"A window of {n * period_s:g} s does not hold a whole number of noise holds of {self.hold_s} s."
             )
-        draws = rng.normal(size=(n_steps // hold, len(self.deviation))) * self.deviation
+        draws = rng.normal(size=(n // hold, len(self.deviation))) * self.deviation
         return np.repeat(draws, hold, axis=0)
 
 
@@ -61,7 +65,7 @@ class Plant:
         truth: p*, shape (n_p,), or a function of time [s] that gives it.
         controller: what drives it.
         start: initial state, shape (n_x,).
-        timestep_s: period of the controller [s].
+        timestep_s: period of the controller [s]; the plant is integrated and measured at half of it.
         disturbance: noise on dx/dt; default none.
         observer_gain: gain of the observer that recovers the states that are not measured, shape (n_x, n_y); needed
             only where some are not.
@@ -117,10 +121,10 @@ class Plant:
         n, system = round(duration_s / self.timestep_s), self.system
         start = self._observed.copy()
         states, control = np.empty((2 * n + 1, system.n_x)), np.zeros((n, system.n_u))
-        noise = np.zeros((n, system.n_x))
+        noise = np.zeros((2 * n, system.n_x))
         if self._disturbance is not None:
-            noise = self._disturbance.draw(n, self._step, self.timestep_s, self._rng)
-        times = self.timestep_s * (self._step + np.arange(n))
+            noise = self._disturbance.draw(2 * n, 2 * self._step, 0.5 * self.timestep_s, self._rng)
+        times: FloatArray = self.timestep_s * np.arange(self._step, self._step + n, dtype=np.float64)
         truth = (
             np.array([self._truth(time) for time in times]) if callable(self._truth) else np.tile(self._truth, (n, 1))
         )

@@ -37,7 +37,7 @@ __all__ = [
 ]
 
 DirectionName: TypeAlias = Literal[
-    "gauss-newton", "levenberg-marquardt", "gradient", "plain-gradient", "heavy-ball", "adam", "bfgs"
+    "gauss-newton", "levenberg-marquardt", "gradient", "plain-gradient", "safe-gradient", "heavy-ball", "adam", "bfgs"
 ]
 
 
@@ -53,8 +53,9 @@ DIRECTIONS: dict[DirectionName, Callable[[float], Direction]] = {
     "levenberg-marquardt": lambda step_size: LevenbergMarquardtDirection(),
     "gradient": lambda step_size: GradientDirection("scale", step_size),
     "plain-gradient": lambda step_size: GradientDirection("unit", step_size),
+    "safe-gradient": lambda step_size: GradientDirection("unit", step_size, "lipschitz"),
     "heavy-ball": lambda step_size: HeavyBallDirection("scale", step_size),
-    "adam": lambda step_size: AdamDirection(step_size),
+    "adam": AdamDirection,
     "bfgs": lambda step_size: BfgsDirection("scale"),
 }
 """Makes a direction from alpha of Eq. (9), 0 for its own choice; second-order directions need none."""

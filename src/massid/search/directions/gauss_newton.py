@@ -26,7 +26,7 @@ class GaussNewtonDirection:
     def step(self, quadratic: LocalQuadratic, space: ParameterSpace) -> FloatArray:
         """Offset to the damped minimum, a point of Theta."""
         full = box_minimum(quadratic, space)
-        decrease = 0.5 * float(full @ quadratic.curvature @ full)
+        decrease = quadratic.change(full, space.n_sampled)
         if quadratic.explained <= 0.0:
             return full
         bend = 2.0 * decrease * quadratic.misfit / quadratic.explained**2

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 from massid.parameters import ParameterSpace
-from massid.search.directions.metric import Metric, exact_step_size, metric_weight
+from massid.search.directions.metric import Metric, exact_step_size, largest_curvature, metric_weight
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
+
+StepRule: TypeAlias = Literal["exact", "lipschitz"]
+"""exact: to the minimum of the local quadratic along the gradient; lipschitz: alpha = 1/L, the bound of Theorem 1."""
 
 
 @dataclass(frozen=True)
@@ -17,13 +21,21 @@ class GradientDirection:
     Attributes:
         metric: see `Metric`. With masses in kilograms the Hessian's condition is an order of magnitude worse than in
             units of the scales.
-        step_size: alpha of Eq. (9); 0 for the exact minimiser of the local quadratic along the gradient.
+        step_size: alpha of Eq. (9); 0 for what the rule says.
+        rule: see `StepRule`.
     """
 
     metric: Metric = "scale"
     step_size: float = 0.0
+    rule: StepRule = "exact"
 
     def step(self, quadratic: LocalQuadratic, space: ParameterSpace) -> FloatArray:
         """Offset along the negative gradient."""
-        direction = -metric_weight(space, self.metric) * quadratic.gradient
-        return (self.step_size or exact_step_size(quadratic, direction)) * direction
+        weight = metric_weight(space, self.metric)
+        direction = -weight * quadratic.gradient
+        if self.step_size:
+            return self.step_size * direction
+        if self.rule == "exact":
+            return exact_step_size(quadratic, direction) * direction
+        bound = largest_curvature(quadratic, weight)
+        return direction / bound if bound > 0.0 else 0.0 * direction

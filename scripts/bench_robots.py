@@ -1,0 +1,164 @@
+"""Robots that nobody here wrote, and every trait of other people's model files: walk, log through rosbags, identify.
+
+    python scripts/bench_robots.py --json robots.json
+
+Seven links are off by a quarter of the norm of their masses, in a random direction. The log is written by rosbags and
+read back through `prepare_walk`, checks included. Each identified model is saved into another folder and loaded.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from massid.audit import prepare_walk
+from massid.identify import IdentifyOptions, identify_online
+from massid.parameters import ParameterSpace
+from massid.plant import MassErrors
+from massid.robot import Robot
+from massid.typing import FloatArray
+from robot_lab import Recorded, simulate, walking_control, wriggling_control, write_ros2
+from robot_traits import TRAITS, atlas_with, stepping_humanoid, suite_robot
+
+WINDOWS = 20
+LINKS = 7
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure identification of many robots."""
+
+    only: tuple[str, ...] = ()
+    """Names of the cases to run; empty for all."""
+    seconds: float = 10.5
+    """Length of each log [s]."""
+    seed: int = 0
+    """Seeds mass errors and motion."""
+    folder: Path = Path("bench_robots")
+    """Where models and logs go."""
+    json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Write every number."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One robot."""
+
+    name: str
+    motion: str
+    landings: int
+    bodies_in_contact: int
+    self_contact: int
+    before_kg: float
+    after_kg: float
+    windows: int
+    status: str
+    warnings: tuple[str, ...]
+
+
+def draw(robot: Robot, seed: int) -> tuple[ParameterSpace, FloatArray]:
+    """Seven links and their true masses."""
+    moving = [link for link in robot.links if robot.welded_to(link) is None]
+    links = robot.walking_links()
+    if len(links) < LINKS:
+        links = tuple(sorted(moving, key=robot.nominal_mass_kg, reverse=True)[:LINKS])
+    space = robot.mass_space(links)
+    norm = float(np.linalg.norm(space.nominal)) / 4.0
+    errors = MassErrors(links, norm).draw(robot, np.random.default_rng(seed)).error_kg
+    return space, space.nominal + np.array([errors[link] for link in links])
+
+
+def walk(
+    robot: Robot, bench: Bench, walker_robot: Robot | None = None
+) -> tuple[Recorded, str, ParameterSpace, FloatArray]:
+    """Let a robot walk."""
+    space, truth = draw(robot, bench.seed)
+    control, start, feet = walking_control(robot, bench.seed, walker_robot)
+    recorded = simulate(robot, space, truth, control, start, bench.seconds, feet)
+    return recorded, "fell" if recorded.fell else "walked", space, truth
+
+
+def wriggle(
+    robot: Robot, bench: Bench, stiffness: float = 40.0, amplitude: float = 0.5
+) -> tuple[Recorded, str, ParameterSpace, FloatArray]:
+    """Let a robot wriggle on the floor, in contact with whatever touches it."""
+    space, truth = draw(robot, bench.seed)
+    control, start = wriggling_control(robot, bench.seed, stiffness, amplitude)
+    return simulate(robot, space, truth, control, start, bench.seconds), "wriggled on the floor", space, truth
+
+
+def identify(
+    name: str, recorded: Recorded, motion: str, space: ParameterSpace, truth: FloatArray, bench: Bench
+) -> Outcome:
+    """Log through rosbags, read back, identify, save and load the model."""
+    path = write_ros2(recorded, bench.folder / name.replace(" ", "_").replace(",", "") / "bag")
+    prepared = prepare_walk(path, recorded.robot)
+    options = IdentifyOptions(noise="clean" if prepared.audit.clean else "auto")
+    result = identify_online(prepared.walk, prepared.robot, space, options)
+    errors = [float(np.linalg.norm(window.estimate[:LINKS] - truth)) for window in result.windows][:WINDOWS]
+    saved = bench.folder / "saved" / f"{name.replace(' ', '_')}.xml"
+    saved.parent.mkdir(parents=True, exist_ok=True)
+    recorded.robot.write_mjcf(space, result.estimate, saved)
+    Robot.load(saved)
+    warnings = tuple(w.partition(": ")[2] for w in prepared.walk.warnings if "checksum" not in w)
+    return Outcome(
+        name, motion, recorded.landings, len(recorded.wrenches), recorded.self_contact_samples,
+        float(np.linalg.norm(space.nominal - truth)), errors[-1], len(errors), str(result.status), warnings,
+    )  # fmt: skip
+
+
+def cases(bench: Bench) -> dict[str, Callable[[], tuple[Recorded, str, ParameterSpace, FloatArray]]]:
+    """Every robot by name."""
+    found: dict[str, Callable[[], tuple[Recorded, str, ParameterSpace, FloatArray]]] = {}
+    for trait in TRAITS:
+        found[f"atlas: {trait}"] = lambda trait=trait: walk(
+            atlas_with(trait, (bench.folder / "models" / trait.replace(" ", "_")).resolve()), bench
+        )
+    found["suite humanoid, steps"] = lambda: walk(stepping_humanoid()[0], bench, stepping_humanoid()[1])
+    for name in ("humanoid", "humanoid_CMU"):
+        found[f"suite {name}, floor"] = lambda name=name: wriggle(suite_robot(name), bench)
+    return found
+
+
+def main(bench: Bench) -> None:
+    """Run all cases and print the table."""
+    console, outcomes = Console(highlight=False), []
+    known = cases(bench)
+    for name in bench.only or known:
+        started = time.perf_counter()
+        try:
+            recorded, motion, space, truth = known[name]()
+            outcome = identify(name, recorded, motion, space, truth, bench)
+        except Exception as error:  # a bench shows what fails and goes on
+            traceback.print_exc()
+            console.print(f"{name}: {type(error).__name__}: {error}", markup=False)
+            continue
+        outcomes.append(outcome)
+        console.print(
+            f"{name}: {motion}, {outcome.landings} landings, {outcome.before_kg:.3f} -> {outcome.after_kg:.2e} kg in "
+            f"{outcome.windows} windows ({time.perf_counter() - started:.0f} s) {list(outcome.warnings)}",
+            markup=False,
+        )
+    table = Table(
+        "robot", "motion", "landings", "bodies", "self-contact", "before [kg]", "after [kg]", "windows", "status"
+    )
+    for o in outcomes:
+        cells = (o.landings, o.bodies_in_contact, o.self_contact, f"{o.before_kg:.3f}", f"{o.after_kg:.1e}", o.windows)
+        table.add_row(o.name, o.motion, *(str(cell) for cell in cells), o.status)
+    console.print(table)
+    if bench.json:
+        bench.json.write_text(json.dumps([asdict(outcome) for outcome in outcomes], indent=1))
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Bench, description=__doc__))

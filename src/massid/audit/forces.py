@@ -1,0 +1,191 @@
+"""Do torques and wrenches of a log make sense: weight, direction of gravity, and what the balance leaves over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from massid.audit.balance import Balance
+from massid.kinematics import body_rotations
+from massid.log.walk import Walk
+from massid.robot import Robot
+from massid.typing import FloatArray
+
+WEIGHT_RANGE = (0.6, 1.6)
+"""Measured over nominal weight: beyond this it is not a mass error but another fault."""
+TILT_RAD = 0.17
+REST = 0.05
+"""Share of the required force that inputs and any link masses may leave over before it is worth a warning."""
+_EXACT = 1e-6
+_RUNGE_KUTTA = (
+    "the model integrates with RK4, whose step has no single torque and wrench; a simulation with Euler or "
+    "implicitfast gives exact masses"
+)
+_BETTER = 0.5
+_LOADED = 0.02  # of the weight: less than this on a body is no stance
+_SHOWN = 4
+_IMPLICIT = (int(mujoco.mjtIntegrator.mjINT_IMPLICIT), int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST))
+
+
+@dataclass(frozen=True)
+class Weight:
+    """What the ground carried on average.
+
+    Attributes:
+        measured_kg: mean force along gravity, less what lifted the base, over g [kg].
+        nominal_kg: mass of the model [kg].
+        tilt_rad: angle between the mean force and the upward vertical [rad].
+        loaded: by contact body, share of the samples in which it carried load.
+        stances: by contact body, how many times it was put down.
+    """
+
+    measured_kg: float
+    nominal_kg: float
+    tilt_rad: float
+    loaded: dict[str, float]
+    stances: dict[str, int]
+
+
+def check_weight(robot: Robot, walk: Walk) -> Weight:
+    """Sum the measured forces in the world over a walk that is aligned with the robot."""
+    rotations = body_rotations(robot.model, robot.layout.to_qpos(walk.qpos), walk.contact_bodies)
+    force = np.einsum("kcij,kcj->kci", rotations, walk.wrench[:, :, :3])
+    gravity = robot.model.opt.gravity
+    size = float(np.linalg.norm(gravity)) or 9.81
+    up = -gravity / size if np.any(gravity) else np.array([0.0, 0.0, 1.0])
+    inside = np.zeros(len(walk), dtype=bool)
+    gained, time_s = np.zeros(3), 0.0
+    for segment in walk.segments:
+        inside[segment.start : segment.stop] = True
+        gained += walk.qvel[segment.stop - 1, :3] - walk.qvel[segment.start, :3]
+        time_s += len(segment) * walk.timestep_s
+    total = force[inside].sum(axis=1).mean(axis=0)
+    lift = float(up @ gained) / time_s
+    tilt = float(np.arccos(np.clip(up @ total / max(float(np.linalg.norm(total)), 1e-9), -1.0, 1.0)))
+    on_body = np.linalg.norm(force, axis=2) > _LOADED * robot.total_mass_kg * size
+    loaded = {body: float(on_body[inside, c].mean()) for c, body in enumerate(walk.contact_bodies)}
+    stances = {body: _landings(walk, on_body[:, c]) for c, body in enumerate(walk.contact_bodies)}
+    return Weight(float(up @ total) / (size + lift), robot.total_mass_kg, tilt, loaded, stances)
+
+
+def _landings(walk: Walk, loaded: FloatArray) -> int:
+    """Count runs of load; touches shorter than 20 ms are not counted."""
+    least = max(1, round(0.02 / walk.timestep_s))
+    count = 0
+    for segment in walk.segments:
+        part = np.concatenate([[False], loaded[segment.start : segment.stop], [False]]).astype(int)
+        edges = np.flatnonzero(np.diff(part))
+        count += int(((edges[1::2] - edges[::2]) >= least).sum())
+    return count
+
+
+def weight_suspicions(weight: Weight) -> list[str]:
+    """What is probably wrong with wrenches that do not carry the robot."""
+    ratio = weight.measured_kg / weight.nominal_kg
+    said = f"the ground carries {weight.measured_kg:.1f} kg on average, the model weighs {weight.nominal_kg:.1f} kg"
+    if WEIGHT_RANGE[0] <= ratio <= WEIGHT_RANGE[1] and weight.tilt_rad < TILT_RAD:
+        return []
+    if ratio < -WEIGHT_RANGE[0] and ratio > -WEIGHT_RANGE[1]:
+        return [f"{said}: the forces look as if they were those on the ground (contacts: on: ground)."]
+    if weight.tilt_rad >= TILT_RAD and abs(ratio) > 0.2:
+        degrees = np.degrees(weight.tilt_rad)
+        return [
+            f"the mean contact force leans {degrees:.0f} degrees from the vertical ({said}): check the frame of the "
+            "wrenches (contacts: frame, rotation) and the order of the base's attitude."
+        ]
+    if 0.0 <= ratio < WEIGHT_RANGE[0]:
+        return [f"{said}: a body that touches the ground may have no wrench topic, or forces may not be in newtons."]
+    return [f"{said}: forces may not be in newtons, or a wrench may be counted twice."]
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What neither the inputs nor any link masses explain.
+
+    Attributes:
+        share: of the required force, root mean square over all degrees of freedom.
+        joints: by degree of freedom ("base" for the free joint), the same for it alone.
+        suspicions: what is probably wrong, one line each.
+    """
+
+    share: float
+    joints: dict[str, float]
+    suspicions: tuple[str, ...]
+
+
+def check_rest(robot: Robot, walk: Walk, balance: Balance) -> Rest:
+    """Look at what the balance leaves over, and for the convention that would leave less."""
+    required = balance.smooth(balance.required)
+    effort, wrench = balance.smooth(balance.effort(walk, robot)), balance.smooth(balance.wrench(walk))
+    in_world = np.einsum("kcji,kcpj->kcpi", balance.rotation, walk.wrench[balance.rows].reshape(*wrench_shape(balance)))
+    world = balance.smooth(balance.force_of(in_world.reshape(len(balance.rows), -1, 6)))
+    size = float(np.linalg.norm(required)) or 1.0
+
+    def left(terms: FloatArray) -> float:
+        return float(np.linalg.norm(balance.unexplained(terms))) / size
+
+    share = left(required - effort - wrench)
+    rest = balance.unexplained(required - effort - wrench).reshape(-1, balance.required.shape[1])
+    joints = _by_joint(robot, rest, required.reshape(rest.shape))
+    if share <= REST:
+        return Rest(share, joints, _of_integrator(robot, share))
+    trials = {
+        "the forces look as if they were those on the ground (contacts: on: ground)": required - effort + wrench,
+        "the torques look as if their sign were turned (effort: scale: -1)": required + effort - wrench,
+        "the wrenches look as if they were given in the world (contacts: frame: world)": required - effort - world,
+    }
+    best = min(trials, key=lambda reason: left(trials[reason]))
+    said = f"{share:.0%} of the force that the motion took is explained neither by the log nor by any link masses"
+    if left(trials[best]) < _BETTER * share:
+        return Rest(share, joints, (f"{said}: {best} (then {left(trials[best]):.0%}).",))
+    worst = sorted(joints, key=lambda name: -joints[name])[:_SHOWN]
+    listed = ", ".join(f"{name} {joints[name]:.0%}" for name in worst)
+    return Rest(share, joints, (f"{said}, most of it at {listed}: {_reason(robot, worst)}.",))
+
+
+def wrench_shape(balance: Balance) -> tuple[int, int, int, int]:
+    """Shape of wrenches split into force and moment: (K, n_c, 2, 3)."""
+    return (len(balance.rows), balance.rotation.shape[1], 2, 3)
+
+
+def _by_joint(robot: Robot, rest: FloatArray, required: FloatArray) -> dict[str, float]:
+    layout = robot.layout
+    groups = {"base": np.arange(layout.root_dof, layout.root_dof + 6)}
+    groups |= {name: np.array([dof]) for name, dof in zip(robot.joint_names, layout.joint_dof, strict=True)}
+    return {
+        name: float(np.linalg.norm(rest[:, dofs]) / max(float(np.linalg.norm(required[:, dofs])), 1e-12))
+        for name, dofs in groups.items()
+    }
+
+
+def _of_integrator(robot: Robot, share: float) -> tuple[str, ...]:
+    """Say what a small rest comes from if the model's own integrator explains it."""
+    if int(robot.model.opt.integrator) != int(mujoco.mjtIntegrator.mjINT_RK4) or share < _EXACT:
+        return ()
+    return (f"{share:.2%} of the force that the motion took stays unexplained: {_RUNGE_KUTTA}.",)
+
+
+def _reason(robot: Robot, worst: list[str]) -> str:
+    """What is known to leave such a rest in this model."""
+    model = robot.model
+    if int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4):
+        return _RUNGE_KUTTA
+    servos = [
+        model.actuator(a).name or model.joint(int(model.actuator_trnid[a, 0])).name
+        for a in range(model.nu)
+        if model.actuator_biasprm[a, 2] != 0.0
+        and int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        and model.joint(int(model.actuator_trnid[a, 0])).name in worst
+    ]
+    if servos and int(model.opt.integrator) in _IMPLICIT:
+        return (
+            f"{servos[0]} is a servo whose torque depends on velocity, and the model's integrator is implicit: the "
+            "torque at the start of a step is then not what acted over it; log the torque that makes the step, or use "
+            "Euler"
+        )
+    return (
+        "check the torques (after gears? without friction?), the joint order, a contact without a wrench topic, and "
+        "contact between the robot's own links"
+    )

@@ -1,0 +1,96 @@
+"""From a file and a robot to a walk that is ready for identification: read, checked, lags taken off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from massid.audit.report import Audit, audit_walk
+from massid.errors import LogError
+from massid.log import TopicMap, Walk, read_walk
+from massid.log.refine import refined
+from massid.robot import Robot
+
+_MOST_STEPS = 10
+"""A log this many times slower than the model's step is not refined any further."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A log and the robot that fits it.
+
+    Attributes:
+        walk: aligned with the robot, lags taken off, samples with self-contact in no segment; all warnings with it.
+        robot: joints that the topic map says were locked are held still.
+        audit: what the checks found.
+    """
+
+    walk: Walk
+    robot: Robot
+    audit: Audit
+
+
+def prepare_walk(
+    path: Path | str, robot: Robot, topics: TopicMap | None = None, *, walk: Walk | None = None, thorough: bool = False
+) -> Prepared:
+    """Read a log, check it against the robot and compensate lags between its streams.
+
+    Args:
+        path: an MCAP file.
+        robot: with nominal masses.
+        topics: which topic plays which role.
+        walk: the file as read with these topics, if it was read already.
+        thorough: also compute the one-step residual.
+
+    Raises:
+        LogError: the log cannot be read, does not fit the robot, or nothing usable is left of it.
+        ModelError: a joint cannot be locked where the topic map says.
+    """
+    topics = topics or TopicMap()
+    walk = read_walk(path, topics) if walk is None else walk
+    robot = robot.locked(_locked(robot, walk, topics))
+    factor = _steps_per_sample(robot, walk)
+    audit = audit_walk(robot, refined(walk, factor), thorough=thorough)
+    notes: tuple[str, ...] = ()
+    if factor > 1:
+        notes = (
+            f"{walk.source}: {1 / walk.timestep_s:.6g} Hz is slower than the model's step of "
+            f"{robot.model.opt.timestep:g} s; {factor - 1} states were put between samples by cubic interpolation, "
+            "torques and wrenches held.",
+        )
+    lag = audit.lag
+    if lag is not None and lag.believed:
+        known = {"effort": 0.0, "wrench": 0.0, **topics.lag_s}
+        lags = {**known, "effort": known["effort"] + lag.effort_s, "wrench": known["wrench"] + lag.wrench_s}
+        walk = read_walk(path, replace(topics, lag_s=lags))
+        audit = replace(audit_walk(robot, refined(walk, factor), thorough=thorough), lag=lag)
+        notes += (
+            f"{walk.source}: against the state, torques are stamped {lag.effort_s * 1e3:+.2f} ms and wrenches "
+            f"{lag.wrench_s * 1e3:+.2f} ms late, and were shifted back (unexplained force {lag.rest_before:.1%} "
+            f"before, {lag.rest_after:.1%} after).",
+        )
+    if not audit.walk.segments:
+        raise LogError(
+            f"{walk.source}: nothing usable is left: {audit.warnings[-1] if audit.warnings else 'no samples'}"
+        )
+    ready = replace(audit.walk, warnings=(*audit.walk.warnings, *notes, *audit.warnings))
+    return Prepared(ready, robot, audit)
+
+
+def _steps_per_sample(robot: Robot, walk: Walk) -> int:
+    """How many of the model's time steps a sample period holds."""
+    return max(1, min(round(walk.timestep_s / float(robot.model.opt.timestep)), _MOST_STEPS))
+
+
+def _locked(robot: Robot, walk: Walk, topics: TopicMap) -> dict[str, float]:
+    """Joints of the model that the log does not show, and where the topic map says they were held."""
+    patterns = topics.joints.locked if topics.joints is not None else {}
+    found = {}
+    for name in robot.joint_names:
+        if name not in walk.joint_names:
+            for pattern, position in patterns.items():
+                if fnmatchcase(name, pattern):
+                    found[name] = position
+                    break
+    return found

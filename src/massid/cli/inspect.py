@@ -1,0 +1,178 @@
+"""massid inspect: what is in a log, whether it makes sense for a robot, and what it can reveal."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from massid.assets import find_model_by_hash, resolve_model
+from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics
+from massid.errors import BadInputError
+
+if TYPE_CHECKING:
+    from massid.audit import Audit, Prepared
+    from massid.cli.report_page import Page
+    from massid.log import LogSummary
+
+VERDICT_S = 10.0
+"""The verdict on the links looks at no more of a log than this [s]."""
+
+
+@dataclass(frozen=True)
+class Inspect:
+    """Show what a log holds and whether it makes sense for a robot, before masses are identified from it.
+
+    Topics, rates, gaps and damage; with a model also position against velocity, the weight, stance phases, the lag
+    between streams, the one-step residual, and to what each link's mass could be known from this log.
+
+    Examples:
+      massid inspect walk.mcap
+      massid inspect lowstate.mcap --model g1.xml --topics unitree_g1 --html report.html
+    """
+
+    log: tyro.conf.Positional[Path]
+    """MCAP log of a walk."""
+    model: OptionalModel = None
+    """MJCF file of the robot, or the name of a shipped one; default the shipped model that made the log, if any."""
+    topics: OptionalTopics = None
+    """Topic map: a YAML file, or a preset such as ros2 or unitree_g1; default what massid records."""
+    links: OptionalLinks = None
+    """Links to judge, separated by commas; default all that move by themselves."""
+    html: OptionalFile = None
+    """Write the same as a page with pictures."""
+
+    def run(self) -> int:
+        """Print, section by section."""
+        from massid.cli.report_page import Page
+        from massid.log import TopicMap, load_topics, summarise_log
+
+        if self.html is not None and not self.html.resolve().parent.is_dir():
+            raise BadInputError(f"Cannot write {self.html}: the folder {self.html.parent} does not exist.")
+        topics = load_topics(self.topics) if self.topics else TopicMap()
+        page = Page(f"massid inspect {self.log}")
+        summary = summarise_log(self.log)
+        self._print_topics(page, summary)
+        path = self._model_path(summary)
+        if path is None:
+            page.section("Robot", ["no model given (--model), so the log was not checked against any physics"])
+        else:
+            from massid.audit import prepare_walk
+            from massid.robot import Robot
+
+            prepared = prepare_walk(self.log, Robot.load(path), topics, thorough=True)
+            self._print_audit(page, prepared)
+            self._print_verdict(page, prepared)
+            if self.html:
+                page.plot_walk(prepared.walk)
+        if self.html:
+            page.write(self.html)
+        return 0
+
+    def _model_path(self, summary: LogSummary) -> Path | None:
+        if self.model is not None:
+            return resolve_model(self.model)
+        return find_model_by_hash(dict(summary.metadata.get("massid", {})).get("model_sha256", ""))
+
+    @staticmethod
+    def _print_topics(page: Page, summary: LogSummary) -> None:
+        rows = []
+        for topic in summary.topics:
+            gaps = f"{topic.gaps}, longest {topic.longest_gap_s:.4g} s" if topic.gaps else "0"
+            jumps = str(topic.jumps)
+            rate = f"{topic.rate_hz:.6g}" if topic.rate_hz else "-"
+            rows.append((topic.info.topic, topic.info.message_type, str(topic.messages), rate, gaps, jumps))
+        page.table("Topics", ("topic", "type", "messages", "rate [Hz]", "gaps", "jumps back"), rows)
+        page.section("File", [f"{summary.duration_s:.3f} s", *(summary.warnings or ("no damage",))])
+
+    @staticmethod
+    def _print_audit(page: Page, prepared: Prepared) -> None:
+        audit, walk = prepared.audit, prepared.walk
+        weight, kinematics = audit.weight, audit.kinematics
+        page.section(
+            "Walk",
+            [
+                f"{len(walk)} samples at {1 / walk.timestep_s:.6g} Hz, {walk.duration_s:.3f} s usable in "
+                f"{len(walk.segments)} segments; base {walk.root_body}, {len(walk.joint_names)} joints",
+                *(
+                    f"{body}: loaded {weight.loaded[body]:.0%} of the time, {weight.stances[body]} stances"
+                    for body in walk.contact_bodies
+                ),
+            ],
+        )
+        page.section("Physics", _physics_lines(audit, weight.measured_kg, weight.nominal_kg))
+        worst = max(kinematics.joints.items(), key=lambda item: item[1], default=None)
+        page.section(
+            "Position against velocity (share of the motion that disagrees)",
+            [
+                f"base position {_share(kinematics.position)}, base attitude {_share(kinematics.attitude)}",
+                f"joints: worst {worst[0]} {worst[1]:.2%}" if worst else "joints: none moves",
+            ],
+        )
+        page.section("Warnings", list(walk.warnings) or ["none"])
+
+    def _print_verdict(self, page: Page, prepared: Prepared) -> None:
+        """To what each link's mass could be known: the verdict of `massid identify` after one pass."""
+        from dataclasses import replace
+
+        from massid.cli.console import progress_bar
+        from massid.identify import IdentifyOptions, identify_offline
+
+        robot, walk = prepared.robot, prepared.walk
+        if self.links is not None:
+            links = tuple(link.strip() for link in self.links.split(",") if link.strip())
+        else:
+            links = tuple(link for link in robot.links if robot.welded_to(link) is None)
+        space = robot.mass_space(links)
+        segments, budget = [], round(VERDICT_S / walk.timestep_s)
+        for segment in walk.segments:
+            if budget > 1:
+                segments.append(type(segment)(segment.start, min(segment.stop, segment.start + budget)))
+                budget -= len(segments[-1])
+        short = replace(walk, segments=tuple(segments))
+        fresh = IdentifyOptions()
+        options = replace(fresh, passes=1, bank_size=max(fresh.bank_size, len(links) + 1))
+        with progress_bar("judging") as progress:
+            result = identify_offline(short, robot, space, options, progress)
+        excitation = result.excitation
+        rows = [
+            (
+                parameter.target,
+                f"{parameter.nominal:.3f}",
+                f"{deviation:.2g}",
+                "identifiable" if revealed else "not identifiable",
+            )
+            for parameter, deviation, revealed in zip(
+                space.parameters, excitation.reference_std, excitation.identifiable, strict=True
+            )
+        ]
+        page.table("Links", ("link", "nominal [kg]", "known to +- [kg]", "verdict"), rows)
+
+
+def _share(value: float | None) -> str:
+    return "hardly moves" if value is None else f"{value:.2%}"
+
+
+def _physics_lines(audit: Audit, measured_kg: float, nominal_kg: float) -> list[str]:
+    lines = [
+        f"the ground carries {measured_kg:.2f} kg on average, the model weighs {nominal_kg:.2f} kg; the mean force "
+        f"leans {audit.weight.tilt_rad * 57.29578:.1f} degrees"
+    ]
+    contact = audit.self_contact
+    lines.append(f"links touch each other in {int(contact.samples.sum())} of {len(contact.samples)} samples")
+    if audit.lag is not None:
+        lines.append(
+            f"lag against the state: torques {audit.lag.effort_s * 1e3:+.2f} ms, wrenches "
+            f"{audit.lag.wrench_s * 1e3:+.2f} ms ({'compensated' if audit.lag.believed else 'not compensated'})"
+        )
+    if audit.rest is not None:
+        lines.append(f"force that neither the log nor any link masses explain: {audit.rest.share:.2%}")
+    if audit.one_step is not None:
+        step = audit.one_step
+        lines.append(
+            f"one-step residual of joint velocities: {step.nominal:.3g} rad/s with the model's masses, "
+            f"{step.fitted:.3g} rad/s with masses fitted to the log (worst at {step.worst}); velocities change by {step.change:.3g} rad/s"
+        )
+    return lines

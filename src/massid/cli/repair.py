@@ -1,0 +1,81 @@
+"""massid repair: a clean file from a damaged one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from massid.cli.arguments import OptionalTopics
+from massid.errors import BadInputError
+
+
+@dataclass(frozen=True)
+class Repair:
+    """Copy what is sound of a damaged MCAP file into a new one, and say what was lost.
+
+    Works for any MCAP file: cut off by a killed recorder, without an index, with damaged chunks. With --topics the new
+    file is a log as massid records it: one clock, standard topics, samples that are not finite left out.
+
+    Examples:
+      massid repair walk.mcap.partial walk.mcap
+      massid repair lowstate.mcap walk.mcap --topics unitree_g1
+    """
+
+    source: tyro.conf.Positional[Path]
+    """The damaged file."""
+    out: tyro.conf.Positional[Path]
+    """The new file."""
+    topics: OptionalTopics = None
+    """Topic map by which to read the file and write it anew as massid records it."""
+
+    def run(self) -> int:
+        """Copy, and print what was kept and lost."""
+        from massid.cli.console import say, warn
+
+        if not self.out.resolve().parent.is_dir():
+            raise BadInputError(f"Cannot write {self.out}: the folder {self.out.parent} does not exist.")
+        if self.topics is not None:
+            return self._rewrite()
+        from massid.log import repair_log
+
+        repaired = repair_log(self.source, self.out)
+        for loss in repaired.losses:
+            warn(f"{self.source}: {loss}")
+        total = sum(repaired.messages.values())
+        say(f"{repaired.path}: {total} messages on {len(repaired.messages)} topics")
+        for topic, count in repaired.messages.items():
+            say(f"  {topic}: {count}")
+        if not repaired.losses:
+            say("no damage was found")
+        return 0
+
+    def _rewrite(self) -> int:
+        from massid.cli.console import say, warn
+        from massid.log import WalkWriter, load_topics, read_walk
+
+        if self.out.exists() and self.source.exists() and self.out.samefile(self.source):
+            raise BadInputError(f"{self.out} is the damaged file itself; give the new file another name.")
+        walk = read_walk(self.source, load_topics(self.topics or ""))
+        if walk.world_wrenches:
+            raise BadInputError(
+                f"The wrenches of {', '.join(walk.world_wrenches)} are given in the world; identify takes them."
+            )
+        for warning in walk.warnings:
+            warn(warning)
+        kept = {key: value for key, value in walk.metadata.items() if key not in ("root_body", "timestep_s", "end")}
+        with WalkWriter(
+            self.out,
+            root_body=walk.root_body,
+            joint_names=walk.joint_names,
+            timestep_s=walk.timestep_s,
+            contact_bodies=walk.contact_bodies,
+            metadata=kept,
+        ) as writer:
+            for segment in walk.segments:
+                rows = slice(segment.start, segment.stop)
+                wrenches = {body: walk.wrench[rows, c] for c, body in enumerate(walk.contact_bodies)}
+                writer.append_block(walk.stamps_ns[rows], walk.qpos[rows], walk.qvel[rows], walk.effort[rows], wrenches)
+        say(f"{self.out}: {len(walk)} samples, {walk.duration_s:.2f} s in {len(walk.segments)} segments")
+        return 0

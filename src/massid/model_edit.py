@@ -1,0 +1,117 @@
+"""Changes to a robot's spec that turn it into the model of Eq. (22), or hold some of its joints still."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from massid.errors import ModelError
+from massid.typing import IntArray
+
+SOLVER_ITERATIONS = 100
+SOLVER_TOLERANCE = 1e-14
+LINE_SEARCH_ITERATIONS = 50
+"""The engine's constraint solver must not add its own error; models shipped for games stop it after 3 iterations."""
+
+
+def no_single_base(model: mujoco.MjModel, free: IntArray) -> str:
+    """Say how many floating bodies there are, and what to do."""
+    bodies = ", ".join(str(model.body(int(model.jnt_bodyid[j])).name) for j in free) or "none"
+    text = f"expected one body with a free joint (the floating base), found {len(free)} ({bodies})."
+    if len(free):
+        return f"{text} Take the others out of the file: only the robot may float."
+    roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0]
+    if not roots:
+        return text
+    heaviest = max(roots, key=lambda b: float(model.body_subtreemass[b]))
+    return f"{text} Add <freejoint/> to body '{model.body(heaviest).name}'."
+
+
+def make_plain_motor(motor: Any) -> None:
+    """Undo whatever the file's default class says about actuators: one unit of control is one unit of force."""
+    motor.set_to_motor()
+    no = mujoco.mjtLimited.mjLIMITED_FALSE
+    motor.ctrllimited = motor.forcelimited = motor.actlimited = no
+    motor.armature = 0.0
+    motor.damping = np.zeros_like(motor.damping)
+    motor.delay, motor.nsample, motor.group, motor.actearly = 0.0, 0, 0, False
+
+
+def set_options(option: Any) -> None:
+    """Contacts off, the robot's own actuators off, and a constraint solver that adds no error of its own."""
+    disable, enable = mujoco.mjtDisableBit, mujoco.mjtEnableBit
+    option.disableflags |= int(disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET)
+    option.disableflags &= ~int(disable.mjDSBL_ACTUATION)
+    option.enableflags &= ~int(enable.mjENBL_SLEEP)
+    option.disableactuator = 0
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.iterations, option.tolerance = SOLVER_ITERATIONS, SOLVER_TOLERANCE
+    option.ls_iterations = max(option.ls_iterations, LINE_SEARCH_ITERATIONS)
+    option.noslip_iterations = 0
+
+
+def without_joints(spec: mujoco.MjSpec, model: mujoco.MjModel, positions: Mapping[str, float]) -> mujoco.MjSpec:
+    """Return a copy of a spec in which some joints are held still.
+
+    Args:
+        spec: as loaded.
+        model: its compiled form.
+        positions: by joint, where it is held [rad or m].
+
+    Raises:
+        ModelError: one of several joints of a body is to be held away from the model's own position.
+    """
+    data = mujoco.MjData(model)
+    for name, position in positions.items():
+        data.qpos[model.joint(name).qposadr[0]] = position
+    mujoco.mj_kinematics(model, data)
+    spec = spec.copy()
+    for name in positions:
+        _lock_joint(spec, model, data, name)
+    # What refers to a joint that is gone goes as well.
+    for group in (spec.keys, spec.sensors, spec.tuples):
+        for element in list(group):
+            spec.delete(element)
+    for actuator in list(spec.actuators):
+        if actuator.target in positions:
+            spec.delete(actuator)
+    for equality in list(spec.equalities):
+        if equality.type == mujoco.mjtEq.mjEQ_JOINT and {equality.name1, equality.name2} & set(positions):
+            spec.delete(equality)
+    return spec
+
+
+def _lock_joint(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData, name: str) -> None:
+    """Take a joint out of a spec and leave its body where the joint holds it."""
+    joint, index = spec.joint(name), model.joint(name).id
+    body = int(model.jnt_bodyid[index])
+    address = int(model.jnt_qposadr[index])
+    if data.qpos[address] != model.qpos0[address]:
+        if model.body_jntnum[body] != 1:
+            raise ModelError(
+                f"Joint '{name}' shares its body with another joint, so it can only be held at the model's own "
+                f"position {model.qpos0[address]:g}, not at {data.qpos[address]:g}."
+            )
+        parent = int(model.body_parentid[body])
+        inverse, inverse_pos = np.zeros(4), np.zeros(3)
+        mujoco.mju_negPose(inverse_pos, inverse, data.xpos[parent], data.xquat[parent])
+        position, attitude = np.zeros(3), np.zeros(4)
+        mujoco.mju_mulPose(position, attitude, inverse_pos, inverse, data.xpos[body], data.xquat[body])
+        spec_body = joint.parent
+        spec_body.pos, spec_body.quat = position, attitude
+        spec_body.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    spec.delete(joint)
+
+
+def keep_actuator_dynamics(spec: mujoco.MjSpec) -> None:
+    """Hand armature and damping of joint actuators to their joints, since the actuators are about to go."""
+    for actuator in spec.actuators:
+        joint = spec.joint(actuator.target)
+        if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or joint is None:
+            continue
+        ratio = float(actuator.gear[0]) ** 2
+        joint.armature += ratio * np.ravel(actuator.armature)[0]
+        joint.damping = np.asarray(joint.damping) + ratio * np.asarray(actuator.damping)

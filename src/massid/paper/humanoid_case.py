@@ -1,0 +1,102 @@
+"""V-D run again: a walk is recorded, and the masses of seven links are found with each direction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from massid.assets import resolve_model, sample_walk
+from massid.errors import FallError
+from massid.identify import IdentifyOptions, identify_online
+from massid.log import read_walk
+from massid.log.walk import Walk
+from massid.paper.setting import Progress, silent
+from massid.plant import record_walk, truth_path
+from massid.robot import Robot
+from massid.score import Truth, score
+from massid.search.directions import DirectionName
+from massid.search.guided import SearchOptions
+from massid.typing import FloatArray
+
+DIRECTIONS: tuple[DirectionName, ...] = ("gauss-newton", "gradient", "plain-gradient", "bfgs")
+THRESHOLD_KG = 0.5
+
+
+@dataclass(frozen=True)
+class MassErrors:
+    """L2 mass error of one direction.
+
+    Attributes:
+        times_s: end of each window, from the start at 0, shape (1 + n,).
+        l2_kg: shape (1 + n,).
+        windows_to_threshold: windows after which the error stays below 0.5 kg; None if it does not.
+    """
+
+    times_s: FloatArray
+    l2_kg: FloatArray
+    windows_to_threshold: int | None
+
+
+@dataclass(frozen=True)
+class HumanoidCase:
+    """All of V-D.
+
+    Attributes:
+        errors: by direction.
+        walk: what was recorded.
+        robot: with nominal masses.
+        links: whose masses were unknown.
+        dwell_s: T [s].
+    """
+
+    errors: dict[DirectionName, MassErrors]
+    walk: Walk
+    robot: Robot
+    links: tuple[str, ...]
+    dwell_s: float
+
+
+def run_humanoid_case(
+    folder: Path, seconds: float, seed: int = 0, robot_name: str = "atlas", progress: Progress = silent
+) -> HumanoidCase:
+    """Record a walk and identify from it with every direction.
+
+    Args:
+        folder: where the log is written; a log of the same length and seed is used again.
+        seconds: length of the walk [s]; 0 for the sample walk that comes with massid.
+        seed: of mass errors, gait and search.
+        robot_name: shipped robot or MJCF file.
+        progress: told the fraction done.
+
+    Raises:
+        FallError: the robot fell.
+    """
+    if seconds > 0.0:
+        log = folder / f"{Path(robot_name).stem}_walk_{seconds:g}s_{seed}.mcap"
+        if not (log.exists() and truth_path(log).exists()):
+            report = record_walk(
+                resolve_model(robot_name), log, seconds, seed=seed, progress=lambda f, w: progress(0.5 * f, w)
+            )
+            if report.fell:
+                log.unlink()
+                raise FallError(f"The robot fell after {report.duration_s:.1f} s; try another --seed.")
+    else:
+        log = sample_walk()
+    walk, truth = read_walk(log), Truth.load(truth_path(log))
+    robot = Robot.load(resolve_model(robot_name))
+    links = tuple(robot.walking_links())
+    space = robot.mass_space(links)
+    options = IdentifyOptions(seed=seed)
+    initial = float(np.linalg.norm([truth.mass_kg[link] - robot.nominal_mass_kg(link) for link in links]))
+    errors = {}
+    for i, name in enumerate(DIRECTIONS):
+        progress(0.5 + 0.5 * i / len(DIRECTIONS), f"masses, {name}")
+        result = identify_online(walk, robot, space, replace(options, search=SearchOptions(direction=name)))
+        l2 = np.concatenate([[initial], score(result, truth).l2_error_kg])
+        times = np.array([0.0, *(window.time_s for window in result.windows)])
+        above = np.flatnonzero(l2 >= THRESHOLD_KG)
+        last = int(above[-1]) + 1 if len(above) else 0
+        errors[name] = MassErrors(times, l2, last if last < len(l2) else None)
+    return HumanoidCase(errors, walk, robot, links, options.dwell_s)

@@ -1,0 +1,336 @@
+"""V-B run again: Fig. 3 and 4, noise seeds, random starts, hold times, model sets, drift, and x1 alone measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massid.paper.setting import (
+    DEFAULT,
+    DIRECTION_NAMES,
+    N_MODELS,
+    PAPER_DIRECTION,
+    THRESHOLD,
+    TIMESTEP_S,
+    WINDOWS,
+    NonAffineRun,
+    Progress,
+    as_start,
+    random_starts,
+    silent,
+)
+from massid.parameters import ParameterSpace
+from massid.search.directions import SECOND_ORDER, DirectionName
+from massid.search.guided import GuidedSearch, SearchOptions
+from massid.search.monitoring import Monitoring
+from massid.search.proposal import Proposal, Role
+from massid.systems import non_affine
+from massid.systems.bank import SystemBank
+from massid.systems.non_affine import non_affine_plant, non_affine_system, output_system
+from massid.systems.offline import run_offline
+from massid.systems.online import OnlineRun, run_online
+from massid.systems.plant import Plant
+from massid.typing import FloatArray
+
+STARTS, SEEDS = 30, 8
+SETTLED = 6
+"""Windows after which an error counts as noise, not as search."""
+START_WINDOWS, FIRST_ORDER_WINDOWS = 12, 20
+"""Windows that a random start gets with a second-order direction, and with another."""
+CONVERGED = 0.05
+"""Error below which a random start has found p*: no other minimum is as near, and noise is far below."""
+
+
+@dataclass(frozen=True)
+class Settling:
+    """Noise seeds and random starts with one direction.
+
+    Attributes:
+        final_errors: after 170 s from p0, one for each noise seed, shape (SEEDS,).
+        windows: until the error is first below 0.01, one for each seed; None if it never is.
+        converged: random starts that ended below `CONVERGED`.
+        start_windows: until the error is first below 0.01, one for each converged start.
+        starts: how many starts there were.
+    """
+
+    final_errors: FloatArray
+    windows: tuple[int | None, ...]
+    converged: int
+    start_windows: tuple[int | None, ...]
+    starts: int = STARTS
+
+
+def first_below(run: OnlineRun, threshold: float = THRESHOLD) -> int | None:
+    """Windows until the error is first below a threshold.
+
+    Noise alone puts one window in some hundred above 0.01, so "from when on" would measure the length of the run.
+    """
+    below = np.flatnonzero(run.errors(non_affine.TRUTH) < threshold)
+    return int(below[0]) if len(below) else None
+
+
+def settle(direction: DirectionName, starts: int = STARTS, seeds: int = SEEDS) -> Settling:
+    """Noise seeds from p0 and random starts, with one direction."""
+    search = replace(DEFAULT, direction=direction)
+    seeded = [NonAffineRun(seed=seed, windows=WINDOWS, search=search).run() for seed in range(seeds)]
+    windows = START_WINDOWS if direction in SECOND_ORDER else FIRST_ORDER_WINDOWS
+    runs = [
+        NonAffineRun(start=as_start(start), seed=i, windows=windows, search=search).run()
+        for i, start in enumerate(random_starts(starts))
+    ]
+    found = [run for run in runs if run.errors(non_affine.TRUTH)[-1] < CONVERGED]
+    return Settling(
+        final_errors=np.array([run.errors(non_affine.TRUTH)[-1] for run in seeded]),
+        windows=tuple(first_below(run) for run in seeded),
+        converged=len(found),
+        start_windows=tuple(first_below(run) for run in found),
+        starts=starts,
+    )
+
+
+class _NoSearch:
+    """Stays at the nominal values, whatever it is told."""
+
+    def __init__(self, space: ParameterSpace) -> None:
+        self.estimate = space.nominal
+
+    def ask(self) -> Proposal:
+        return Proposal(np.tile(self.estimate, (N_MODELS, 1)), (Role.CENTRE, *[Role.SAMPLE] * (N_MODELS - 1)))
+
+    def tell(self, monitoring: Monitoring) -> None:
+        """Learn nothing."""
+
+
+def run_without_search(windows: int, seed: int = 0) -> OnlineRun:
+    """The controller with p0 for ever: the upper half of Fig. 3."""
+    system = non_affine_system()
+    plant = non_affine_plant(system, np.random.default_rng([seed, 1]), timestep_s=TIMESTEP_S)
+    bank = SystemBank(system, N_MODELS, TIMESTEP_S)
+    return run_online(plant, bank, _NoSearch(system.space), windows, non_affine.DWELL_S, 0.0, keep_motion=True)
+
+
+def cramer_rao(hold_s: float, noise: float = non_affine.NOISE, duration_s: float = non_affine.DWELL_S) -> float:
+    """Smallest root mean square |p - p*| that an unbiased estimate from one window can have.
+
+    Delta held over h is white noise of density noise^2 h for what moves more slowly; x2' tells p through the
+    derivatives of Eq. (19) by p.
+    """
+    system = non_affine_system()
+    plant = non_affine_plant(system, np.random.default_rng(0), noise=0.0, timestep_s=TIMESTEP_S)
+    plant.run(duration_s, non_affine.TRUTH)
+    x1, x2 = plant.run(duration_s, non_affine.TRUTH).states.T
+    _, p2, p3 = non_affine.TRUTH
+    slope = np.stack([x1 + np.sin(x1), 14.0 * x2 * np.cos(p2 * x2), x1 * np.exp(p3 * x1)], axis=1)
+    information = slope.T @ slope * TIMESTEP_S / (noise**2 * hold_s)
+    return float(np.sqrt(np.trace(np.linalg.inv(information))))
+
+
+def settled_error(run: OnlineRun) -> float:
+    """Root mean square error over the windows after the first few."""
+    return float(np.sqrt(np.mean(run.errors(non_affine.TRUTH)[SETTLED:] ** 2)))
+
+
+def hold_times(holds_s: tuple[float, ...] = (1e-3, 1e-2, 0.1)) -> list[tuple[float, float, float]]:
+    """Noise hold time [s], settled root mean square error, Cramer-Rao bound of one window."""
+    return [
+        (hold, settled_error(NonAffineRun(hold_s=hold, windows=WINDOWS).run()), cramer_rao(hold)) for hold in holds_s
+    ]
+
+
+def sensitivity() -> list[tuple[str, int | None, float]]:
+    """What was changed, windows until 0.01, settled root mean square error: for the default search from p0."""
+    base = NonAffineRun(windows=30)
+    changes = [("as chosen", base)]
+    changes += [(f"k = {gain:g} 1/s", replace(base, gain=gain)) for gain in (2.0, 10.0, 200.0)]
+    changes += [(f"lambda = {rate:g} 1/s", replace(base, forgetting_rate=rate)) for rate in (0.0, 0.5, 2.0)]
+    changes += [
+        (f"dwell time {dwell:g} s", replace(base, dwell_s=dwell, windows=round(120.0 / dwell)))
+        for dwell in (1.0, 2.0, 8.0)
+    ]
+    changes += [(f"radius {r:g}", replace(base, search=replace(DEFAULT, radius=r))) for r in (0.01, 0.3)]
+    changes += [("no scan", replace(base, search=SearchOptions()))]
+    changes += [("sampling ball", replace(base, search=replace(DEFAULT, sampling="ball")))]
+    changes += [("Theta with p3 < 0", replace(base, theta=non_affine.MIRROR_THETA))]
+    rows = []
+    for label, setting in changes:
+        run = setting.run()
+        rows.append((label, first_below(run), settled_error(run)))
+    return rows
+
+
+@dataclass(frozen=True)
+class ModelSetOutcome:
+    """What a larger ModelSet is good for.
+
+    Attributes:
+        n_models: size of the bank.
+        kept: best models of each window that stay.
+        converged: random starts that found p*, without a scan.
+        starts: how many there were.
+        error: settled root mean square error from p0.
+    """
+
+    n_models: int
+    kept: int
+    converged: int
+    starts: int
+    error: float
+
+
+def model_sets(starts: int = STARTS) -> list[ModelSetOutcome]:
+    """Banks of several sizes, with and without kept models."""
+    rows = []
+    for n_models, kept in ((9, 0), (18, 6), (36, 12)):
+        search = SearchOptions(kept=kept)
+        runs = [
+            NonAffineRun(start=as_start(start), seed=i, windows=START_WINDOWS, search=search, n_models=n_models).run()
+            for i, start in enumerate(random_starts(starts))
+        ]
+        converged = sum(bool(run.errors(non_affine.TRUTH)[-1] < CONVERGED) for run in runs)
+        error = settled_error(NonAffineRun(windows=WINDOWS, search=search, n_models=n_models).run())
+        rows.append(ModelSetOutcome(n_models, kept, converged, starts, error))
+    return rows
+
+
+def several_guesses(starts: int = STARTS) -> list[tuple[int, int, int]]:
+    """Initial guesses, converged runs, runs: further guesses all over Theta take the place of candidates."""
+    rows = []
+    for guesses in (3, 6, 12):
+        converged = 0
+        for i, start in enumerate(random_starts(starts)):
+            rng = np.random.default_rng([i, 3])
+            lower, upper = np.array(non_affine.THETA).T
+            others = list(rng.uniform(lower, upper, size=(guesses - 1, 3)))
+            n_models = 2 * 3 + 1 + max(2, guesses - 1)
+            search = SearchOptions(candidates=max(2, guesses - 1))
+            system = non_affine_system(start)
+            plant = non_affine_plant(system, np.random.default_rng([i, 1]), timestep_s=TIMESTEP_S)
+            guided = GuidedSearch(
+                system.space, n_models, search, np.random.default_rng([i, 2]), guesses=[start, *others]
+            )
+            run = run_online(
+                plant,
+                SystemBank(system, n_models, TIMESTEP_S),
+                guided,
+                START_WINDOWS,
+                non_affine.DWELL_S,
+                non_affine.FORGETTING_RATE,
+            )
+            converged += bool(run.errors(non_affine.TRUTH)[-1] < CONVERGED)
+        rows.append((guesses, converged, starts))
+    return rows
+
+
+def run_from_output(windows: int = 20, seed: int = 0) -> OnlineRun:
+    """V-B with x1 alone measured: an observer at the running estimate recovers x2."""
+    system = output_system()
+    plant = non_affine_plant(system, np.random.default_rng([seed, 1]), timestep_s=TIMESTEP_S)
+    search = GuidedSearch(system.space, N_MODELS, DEFAULT, np.random.default_rng([seed, 2]))
+    bank = SystemBank(system, N_MODELS, TIMESTEP_S)
+    return run_online(plant, bank, search, windows, non_affine.DWELL_S, non_affine.FORGETTING_RATE)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Online against offline while p1 and p3 drift.
+
+    Attributes:
+        times_s: end of each window, shape (n,).
+        online: error of each window's estimate against p* at its end, shape (n,).
+        offline: error of the one estimate from the whole record, against p* at the same times, shape (n,).
+    """
+
+    times_s: FloatArray
+    online: FloatArray
+    offline: FloatArray
+
+
+def drift(windows: int = 25, rate: FloatArray | None = None) -> Drift:
+    """Let p* drift slowly (Section IV-B says that online identification may follow)."""
+    speed = np.array([-0.02, 0.0, 0.002]) if rate is None else rate
+
+    def truth(time_s: float) -> FloatArray:
+        return np.asarray(non_affine.TRUTH + speed * time_s, dtype=np.float64)
+
+    system = non_affine_system()
+    template = non_affine_plant(system, np.random.default_rng(0), timestep_s=TIMESTEP_S)
+    disturbance = non_affine.disturbance(non_affine.NOISE, non_affine.HOLD_S)
+    plant = Plant(
+        system, truth, template.controller, np.zeros(2), TIMESTEP_S, disturbance, rng=np.random.default_rng([0, 1])
+    )
+    search = GuidedSearch(system.space, N_MODELS, DEFAULT, np.random.default_rng([0, 2]))
+    bank = SystemBank(system, N_MODELS, TIMESTEP_S)
+    run = run_online(
+        plant,
+        bank,
+        search,
+        windows,
+        non_affine.DWELL_S,
+        non_affine.FORGETTING_RATE,
+        keep_blocks=True,
+    )
+    again = GuidedSearch(system.space, N_MODELS, DEFAULT, np.random.default_rng([0, 2]))
+    run_offline(run.blocks, bank, again, START_WINDOWS, non_affine.FORGETTING_RATE)
+    times = run.times_s[1:]
+    truths = np.array([truth(time) for time in times])
+    return Drift(
+        times_s=times,
+        online=np.linalg.norm(run.estimates[1:] - truths, axis=1),
+        offline=np.linalg.norm(again.estimate - truths, axis=1),
+    )
+
+
+def paper_choices(base: NonAffineRun) -> list[tuple[str, float]]:
+    """What the paper's direction depends on: what was changed, and the error after 170 s."""
+    exact, fixed = base.search, replace(base.search, step_size=1.0)
+    changes = [
+        ("as chosen", base),
+        ("gradient in the parameters' own units", replace(base, search=replace(exact, direction="plain-gradient"))),
+        ("p2 scanned", replace(base, search=replace(exact, scan=("p2",)))),
+        ("k = 5 1/s", replace(base, gain=5.0)),
+        ("k = 1 1/s", replace(base, gain=1.0)),
+        ("k = 1 1/s, alpha = 1", replace(base, gain=1.0, search=fixed)),
+        ("no noise", replace(base, noise=0.0)),
+    ]
+    return [(label, float(run.run().errors(non_affine.TRUTH)[-1])) for label, run in changes]
+
+
+@dataclass(frozen=True)
+class NonAffineCase:
+    """All of V-B."""
+
+    default: OnlineRun
+    paper: OnlineRun
+    paper_choices: list[tuple[str, float]]
+    without: OnlineRun
+    settling: dict[DirectionName, Settling]
+    holds: list[tuple[float, float, float]]
+    sensitivity: list[tuple[str, int | None, float]]
+    model_sets: list[ModelSetOutcome]
+    guesses: list[tuple[int, int, int]]
+    output: OnlineRun
+    drift: Drift
+
+
+def run_non_affine_case(progress: Progress = silent) -> NonAffineCase:
+    """Run V-B in every way."""
+    settling = {}
+    for i, name in enumerate(DIRECTION_NAMES):
+        progress(0.8 * i / len(DIRECTION_NAMES), f"V-B, {name}")
+        settling[name] = settle(name)
+    progress(0.8, "V-B, choices")
+    paper = NonAffineRun(windows=WINDOWS, search=SearchOptions(direction=PAPER_DIRECTION))
+    return NonAffineCase(
+        default=NonAffineRun(windows=WINDOWS, keep_motion=True).run(),
+        paper=paper.run(),
+        paper_choices=paper_choices(paper),
+        without=run_without_search(WINDOWS),
+        settling=settling,
+        holds=hold_times(),
+        sensitivity=sensitivity(),
+        model_sets=model_sets(),
+        guesses=several_guesses(),
+        output=run_from_output(),
+        drift=drift(),
+    )
