@@ -11,7 +11,7 @@ from tests.walking.floor import MODELS, SEVEN_LINKS, nominal
 
 MASS_KG = {"atlas": 156.5, "light": 35.0, "heavy": 140.0}
 HEIGHT_M = {"atlas": 1.88, "light": 1.3, "heavy": 1.8}
-TOP_M = HEIGHT_M | {"atlas": 1.95}  # its head is drawn above the published height; the links are not affected
+TOP_M = HEIGHT_M
 MOTORS = {"atlas": 28, "light": 23, "heavy": 22}
 ROBOTS = tuple(MASS_KG)
 

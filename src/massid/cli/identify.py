@@ -80,6 +80,8 @@ class Identify:
             result = identify(walk, robot, space, options, progress)
         scored = score(result, truth) if truth else None
         print_result(result, scored)
+        for warning in result.warnings[len(walk.warnings) :]:
+            warn(warning)
         if result.status is Status.NOT_IDENTIFIABLE:
             warn(self._hidden(result))
         document = result.to_json()

@@ -173,6 +173,7 @@ def _physics_lines(audit: Audit, measured_kg: float, nominal_kg: float) -> list[
         step = audit.one_step
         lines.append(
             f"one-step residual of joint velocities: {step.nominal:.3g} rad/s with the model's masses, "
-            f"{step.fitted:.3g} rad/s with masses fitted to the log (worst at {step.worst}); velocities change by {step.change:.3g} rad/s"
+            f"{step.fitted:.3g} rad/s with masses fitted to the log (worst at {step.worst}); "
+            f"velocities change by {step.change:.3g} rad/s"
         )
     return lines

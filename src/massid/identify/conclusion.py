@@ -76,9 +76,18 @@ def conclude(
         mode=log.mode,
         log_s=log.log_s,
         wall_s=wall_s,
-        warnings=log.warnings,
+        warnings=log.warnings + _caveats(findings.noise, log.mode),
         source=log.source,
         uncertainty=uncertainty,
+    )
+
+
+def _caveats(noise: SensorNoise | None, mode: str) -> tuple[str, ...]:
+    if noise is None or mode == "offline" or not (noise.effort_offset or noise.effort_gain or noise.force_offset):
+        return ()
+    return (
+        "sensors with unknown offsets and gains: the online intervals are too narrow by a factor of several; "
+        "use --mode offline for intervals to rely on.",
     )
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from massid.log import resampling
 from massid.log.conventions import NANOSECONDS
 from massid.log.walk import Segment, Walk
+from massid.typing import AnyArray
 
 
 def refined(walk: Walk, factor: int) -> Walk:
@@ -24,7 +25,7 @@ def refined(walk: Walk, factor: int) -> Walk:
     if factor <= 1:
         return walk
     period_ns = walk.timestep_s * NANOSECONDS / factor
-    columns: dict[str, list[np.ndarray]] = {name: [] for name in ("stamps_ns", "qpos", "qvel", "effort", "wrench")}
+    columns: dict[str, list[AnyArray]] = {name: [] for name in ("stamps_ns", "qpos", "qvel", "effort", "wrench")}
     segments, total = [], 0
     for segment in walk.segments:
         if len(segment) < 2:
@@ -53,4 +54,13 @@ def refined(walk: Walk, factor: int) -> Walk:
     if not segments:
         return walk
     joined = {name: np.concatenate(parts) for name, parts in columns.items()}
-    return replace(walk, **joined, timestep_s=period_ns / NANOSECONDS, segments=tuple(segments))
+    return replace(
+        walk,
+        stamps_ns=joined["stamps_ns"],
+        qpos=joined["qpos"],
+        qvel=joined["qvel"],
+        effort=joined["effort"],
+        wrench=joined["wrench"],
+        timestep_s=period_ns / NANOSECONDS,
+        segments=tuple(segments),
+    )

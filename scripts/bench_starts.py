@@ -1,0 +1,55 @@
+"""V-B from random starts all over Theta, with and without the scan of p2: how many converge, and in how many windows.
+
+python scripts/bench_starts.py --starts 300
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from massid.paper.non_affine_case import CONVERGED, first_below
+from massid.paper.setting import DEFAULT, NonAffineRun, as_start, random_starts
+from massid.search.directions import DirectionName
+from massid.systems import non_affine
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure convergence over random starts."""
+
+    starts: int = 300
+    """Number of starts."""
+    windows: int = 12
+    """Dwell windows of 4 s for each."""
+    direction: DirectionName = "gauss-newton"
+    """Search direction."""
+
+
+def main(bench: Bench) -> None:
+    """Run all starts and print the table."""
+    table = Table("scan of p2", "converged", "windows until 0.01: median", "90 %", "worst", "median error")
+    for scan in (("p2",), ()):
+        search = replace(DEFAULT, scan=scan, direction=bench.direction)
+        runs = [
+            NonAffineRun(start=as_start(start), seed=i, windows=bench.windows, search=search).run()
+            for i, start in enumerate(random_starts(bench.starts))
+        ]
+        found = [run for run in runs if run.errors(non_affine.TRUTH)[-1] < CONVERGED]
+        windows = [first_below(run) or bench.windows for run in found]
+        errors = [run.errors(non_affine.TRUTH)[-1] for run in found]
+        table.add_row(
+            "yes" if scan else "no",
+            f"{len(found)} of {len(runs)}",
+            *(f"{np.percentile(windows, share):.0f}" for share in (50, 90, 100)),
+            f"{np.median(errors):.4f}",
+        )
+    Console(highlight=False).print(table)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Bench, description=__doc__))
