@@ -21,7 +21,8 @@ from rich.table import Table
 
 from massid.assets import resolve_model, sample_walk
 from massid.identify import IdentifyOptions, identify_online
-from massid.identify.online import BLOCK_STEPS, make_bank
+from massid.identify.assembly import assemble
+from massid.identify.online import BLOCK_STEPS
 from massid.log import read_walk
 from massid.log.walk import Segment
 from massid.observer.replay import replay_block, split
@@ -67,7 +68,8 @@ def main(bench: Bench) -> None:
 
     table = Table("threads", "raw mj_step [us]", "bank per model step [us]", "bound / bank")
     for threads in (1, 2):
-        bank = make_bank(robot, space, walk.contact_bodies, walk.timestep_s, IdentifyOptions(threads=threads))
+        options = IdentifyOptions(threads=threads, bank_size=bench.bank_size)
+        bank = assemble(robot, space, walk.contact_bodies, walk.timestep_s, None, options).bank
         bank.place(points)
 
         def replay(bank=bank) -> float:  # type: ignore[no-untyped-def]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -127,3 +128,12 @@ def test_identification_does_not_open_the_truth_file(tmp_path: Path) -> None:
         "assert not [name for name in opened if 'truth' in name]\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path, capture_output=True)
+
+
+def test_the_readmes_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)
+    assert len(blocks) >= 2
+    names: dict[str, object] = {}
+    for block in blocks:  # a later block goes on from an earlier one, as a reader does
+        exec(block, names)
+    assert "torso: 67.86 kg" in capsys.readouterr().out
