@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import mujoco
@@ -91,7 +92,7 @@ def _joint(walk: Walk, column: int, factor: float) -> Walk:
 )
 def test_wrong_conventions_are_named(log: Pushed, spoil, message: str) -> None:
     audit = audit_walk(log.robot, spoil(log.walk))
-    assert any(__import__("re").search(message, line) for line in audit.warnings), audit.warnings
+    assert any(re.search(message, line) for line in audit.warnings), audit.warnings
 
 
 def _tumbling(seconds: float = 1.0) -> Walk:
@@ -134,7 +135,7 @@ def test_wrong_frames_of_the_base_are_named(spoil, message: str) -> None:
 
     assert check_kinematics(walk).suspicions == ()
     suspicions = check_kinematics(spoil(walk)).suspicions
-    assert any(__import__("re").search(message, line) for line in suspicions), suspicions
+    assert any(re.search(message, line) for line in suspicions), suspicions
 
 
 @pytest.mark.parametrize(("effort", "wrench"), [(3, 0), (0, -2), (4, 4), (-1, 5)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import time
 from collections.abc import Callable, Sequence
@@ -251,8 +250,3 @@ def judge_map(path: Path, log: Path) -> Outcome:
         kind = Outcome(CRASHED, f"{type(error).__name__}: {error}")
     took = time.perf_counter() - started
     return kind if took < SLOW_S else Outcome(SLOW, f"{took:.1f} s")
-
-
-def buffer_of(content: bytes) -> io.BytesIO:
-    """A file in memory."""
-    return io.BytesIO(content)

@@ -25,6 +25,7 @@ _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE = struct.Struct("<BQH")  # opcode, length, channel
 MESSAGE_HEAD = 22
 """Bytes of a message record before the message: channel, sequence, log time and publish time."""
+NO_CHECKSUM = "carry no checksum"
 _LARGEST_CHUNK = 1 << 31
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, summary start, summary offset start, checksum
 _DATA_END_BYTES = 4
@@ -315,7 +316,7 @@ class _Scan:
     def losses(self) -> Iterator[str]:
         """State what was lost: where, and how many samples of each topic in use."""
         if self.unchecked:
-            yield f"{self.unchecked} chunks or messages carry no checksum: a flipped bit in them would pass unnoticed."
+            yield f"{self.unchecked} chunks or messages {NO_CHECKSUM}: a flipped bit in them would pass unnoticed."
         for damage in self.damages:
             extent = " with an unknown number of messages" if damage.lost is None else ""
             yield f"damaged at byte {damage.position}{extent}: {damage.reason}."

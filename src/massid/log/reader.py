@@ -11,7 +11,7 @@ import numpy as np
 from massid.errors import LogError, printable
 from massid.log.alignment import Alignment, Stream, align
 from massid.log.columns import TopicColumns
-from massid.log.container import Contents, TopicInfo, read_messages
+from massid.log.container import NO_CHECKSUM, Contents, TopicInfo, read_messages
 from massid.log.conventions import NANOSECONDS
 from massid.log.roles import Signal, read_base, read_contact, read_joints
 from massid.log.schemas import JOINT_STATE as JOINT_STATE_TYPE
@@ -43,8 +43,9 @@ def read_walk(path: Path | str, topics: TopicMap | None = None) -> Walk:
     try:
         return reader.walk(contents)
     except LogError as error:
-        if contents.warnings and "The file is damaged" not in str(error):
-            raise LogError(f"{error} The file is damaged: {contents.warnings[0]}") from error
+        damage = [line for line in contents.warnings if NO_CHECKSUM not in line]
+        if damage:
+            raise LogError(f"{error} The file is damaged: {damage[0]}") from error
         raise
 
 

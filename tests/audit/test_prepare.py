@@ -1,0 +1,80 @@
+"""From a file to a walk that is ready: lags taken off, slow logs put on the model's step."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massid.audit import prepare_walk
+from massid.identify import IdentifyOptions, identify_offline
+from massid.log import Segment, Walk, WalkWriter
+from massid.log.refine import refined
+from tests.conftest import Pushed
+
+
+def write(walk: Walk, path: Path) -> Path:
+    names = {"root_body": walk.root_body, "joint_names": walk.joint_names, "contact_bodies": walk.contact_bodies}
+    with WalkWriter(path, timestep_s=walk.timestep_s, **names) as writer:
+        wrenches = {body: walk.wrench[:, c] for c, body in enumerate(walk.contact_bodies)}
+        writer.append_block(walk.stamps_ns, walk.qpos, walk.qvel, walk.effort, wrenches)
+    return path
+
+
+def error_kg(walk: Walk, pushed: Pushed) -> float:
+    result = identify_offline(walk, pushed.robot, pushed.space, IdentifyOptions(noise="clean", passes=6))
+    return float(np.linalg.norm(result.estimate[: len(pushed.truth)] - pushed.truth))
+
+
+def test_a_sound_log_is_not_changed(pushed: Pushed, tmp_path: Path) -> None:
+    prepared = prepare_walk(write(pushed.walk, tmp_path / "walk.mcap"), pushed.robot)
+    np.testing.assert_array_equal(prepared.walk.effort, pushed.walk.effort)
+    np.testing.assert_array_equal(prepared.walk.wrench, pushed.walk.wrench)
+    assert prepared.walk.warnings == ()
+    assert prepared.audit.clean
+
+
+def test_a_lag_is_found_taken_off_and_said(pushed: Pushed, tmp_path: Path) -> None:
+    late = replace(
+        pushed.walk, effort=np.roll(pushed.walk.effort, 3, axis=0), wrench=np.roll(pushed.walk.wrench, 3, axis=0)
+    )
+    prepared = prepare_walk(write(late, tmp_path / "walk.mcap"), pushed.robot)
+    assert any("torques are stamped +3.00 ms and wrenches +3.00 ms late" in line for line in prepared.walk.warnings)
+    assert error_kg(prepared.walk, pushed) < 1e-3 * error_kg(replace(late, segments=(Segment(3, len(late)),)), pushed)
+
+
+def test_a_slow_log_is_put_on_the_models_step(pushed: Pushed, tmp_path: Path) -> None:
+    """Every second state, torques and wrenches averaged: finer steps make up for most of what is lost."""
+    n = len(pushed.walk) // 2 * 2
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return np.asarray(values[:n].reshape(n // 2, 2, *values.shape[1:]).mean(axis=1))
+
+    slow = replace(
+        pushed.walk,
+        stamps_ns=pushed.walk.stamps_ns[:n:2],
+        qpos=pushed.walk.qpos[:n:2],
+        qvel=pushed.walk.qvel[:n:2],
+        effort=mean(pushed.walk.effort),
+        wrench=mean(pushed.walk.wrench),
+        timestep_s=2e-3,
+        segments=(),
+    )
+    prepared = prepare_walk(write(slow, tmp_path / "walk.mcap"), pushed.robot)
+    assert prepared.walk.timestep_s == pytest.approx(1e-3)
+    np.testing.assert_allclose(prepared.walk.qpos[::2], slow.qpos, atol=1e-12)
+    assert any("500 Hz is slower than the model's step" in line for line in prepared.walk.warnings)
+    assert error_kg(prepared.walk, pushed) < 0.2 * error_kg(slow, pushed)
+
+
+def test_refining_keeps_samples_segments_and_transfers(pushed: Pushed) -> None:
+    walk = replace(pushed.walk, segments=(Segment(0, 10), Segment(12, 40)))
+    fine = refined(walk, 4)
+    assert fine.segments == (Segment(0, 37), Segment(37, 37 + 109))
+    assert fine.timestep_s == pytest.approx(0.25e-3)
+    np.testing.assert_allclose(fine.qpos[:37:4], walk.qpos[:10], atol=1e-12)
+    np.testing.assert_array_equal(fine.effort[37::4], walk.effort[12:40])
+    np.testing.assert_array_equal(fine.effort[37:41], np.repeat(walk.effort[12:13], 4, axis=0))
+    assert refined(walk, 1) is walk

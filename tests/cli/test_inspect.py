@@ -1,0 +1,83 @@
+"""massid inspect and repair, and topic maps of massid identify, as a user calls them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massid.assets import sample_walk
+from massid.cli import main
+from massid.log import WalkWriter, read_walk
+from tests.conftest import Pushed
+
+
+@pytest.fixture
+def log(pushed: Pushed, tmp_path: Path) -> Path:
+    """The small biped's log and model beside each other."""
+    walk, path = pushed.walk, tmp_path / "walk.mcap"
+    pushed.robot.write_mjcf(pushed.space, pushed.space.nominal, tmp_path / "robot.xml")
+    names = {"root_body": walk.root_body, "joint_names": walk.joint_names, "contact_bodies": walk.contact_bodies}
+    with WalkWriter(path, timestep_s=1e-3, **names) as writer:
+        wrenches = {body: walk.wrench[:, c] for c, body in enumerate(walk.contact_bodies)}
+        writer.append_block(walk.stamps_ns, walk.qpos, walk.qvel, walk.effort, wrenches)
+    return path
+
+
+def test_inspect_tells_topics_physics_and_verdict(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["inspect", str(log), "--model", str(tmp_path / "robot.xml"), "--html", str(tmp_path / "page.html")]
+    assert main(arguments) == 0
+    said = capsys.readouterr().out
+    for words in ("/joint_states", "1600 samples at 1000 Hz", "the ground carries", "lag against the state", "torso"):
+        assert words in said
+    page = (tmp_path / "page.html").read_text()
+    assert page.count("<svg") == 4
+    assert "the ground carries" in page
+
+
+def test_inspect_without_a_model_still_tells_what_is_in_the_file(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(log)]) == 0
+    assert "no model given" in capsys.readouterr().out
+
+
+def test_inspect_finds_the_shipped_model_of_a_log(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["inspect", str(sample_walk()), "--links", "torso,l_foot"]) == 0
+    assert "one-step residual" in capsys.readouterr().out
+
+
+def test_repair_makes_a_clean_file_of_a_cut_one(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(log.read_bytes()[: log.stat().st_size * 2 // 3])
+    assert main(["repair", str(cut), str(tmp_path / "clean.mcap")]) == 0
+    assert "not closed or cut off" in capsys.readouterr().err
+    assert read_walk(tmp_path / "clean.mcap").warnings == ()
+    assert main(["repair", str(cut), str(cut)]) == 2
+    assert "is the damaged file itself" in capsys.readouterr().err
+
+
+def test_identify_and_repair_take_a_topic_map(
+    log: Path, pushed: Pushed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "turned.yaml").write_text("preset: massid\ncontacts: [{topic: /contact/*, on: ground}]\n")
+    model = ["--model", str(tmp_path / "robot.xml"), "--links", "torso,l_thigh,r_thigh"]
+    main(["identify", str(log), *model, "--topics", str(tmp_path / "turned.yaml")])
+    assert "contacts: on: ground" in capsys.readouterr().err.replace("\n", " ")  # the audit suspects the setting
+    assert main(["repair", str(log), str(tmp_path / "turned.mcap"), "--topics", str(tmp_path / "turned.yaml")]) == 0
+    np.testing.assert_array_equal(read_walk(tmp_path / "turned.mcap").wrench, -pushed.walk.wrench)
+    assert main(["identify", str(log), *model, "--topics", "ros3"]) == 2
+    assert "Did you mean ros2" in capsys.readouterr().err
+
+
+def test_locked_joints_are_left_to_the_map(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "locked.yaml").write_text("preset: massid\njoints: {ignore: [l_ankle], locked: {l_ankle: 0.0}}\n")
+    arguments = ["identify", str(log), "--model", str(tmp_path / "robot.xml"), "--links", "torso"]
+    out = tmp_path / "result.json"
+    assert main([*arguments, "--topics", str(tmp_path / "locked.yaml"), "--json", str(out)]) in (0, 3, 4)
+    assert "torso" in json.loads(out.read_text())["links"]
+    (tmp_path / "ignored.yaml").write_text("preset: massid\njoints: {ignore: [l_ankle]}\n")
+    assert main([*arguments, "--topics", str(tmp_path / "ignored.yaml")]) == 2
+    assert "`locked` in a topic map says where it was held" in capsys.readouterr().err.replace("\n", " ")
