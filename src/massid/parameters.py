@@ -44,6 +44,13 @@ UNITS = {
     Kind.ENCODER_OFFSET: "rad",
     Kind.COEFFICIENT: "1",
 }
+_SENSOR_ERRORS = (
+    Kind.EFFORT_OFFSET,
+    Kind.EFFORT_GAIN,
+    Kind.WRENCH_OFFSET,
+    Kind.WRENCH_GAIN,
+    Kind.ENCODER_OFFSET,
+)
 
 
 @dataclass(frozen=True)
@@ -85,6 +92,11 @@ class Parameter:
     def name(self) -> str:
         """Unique name such as "mass/l_thigh"."""
         return f"{self.kind}/{self.target}"
+
+    @property
+    def per_walk(self) -> bool:
+        """Whether it is an error of a sensor, constant within a walk and another one in the next."""
+        return self.kind in _SENSOR_ERRORS
 
     @property
     def unit(self) -> str:

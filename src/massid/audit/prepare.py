@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from massid.audit.report import Audit, audit_walk
-from massid.errors import LogError
+from massid.errors import BadInputError, LogError
 from massid.log import TopicMap, Walk, read_walk
 from massid.log.refine import refined
 from massid.robot import Robot
@@ -76,6 +77,39 @@ def prepare_walk(
         )
     ready = replace(audit.walk, warnings=(*audit.walk.warnings, *notes, *audit.warnings))
     return Prepared(ready, robot, audit)
+
+
+def prepare_walks(
+    paths: Sequence[Path | str], robot: Robot, topics: TopicMap | None = None, walks: Sequence[Walk] | None = None
+) -> tuple[Prepared, ...]:
+    """Prepare several logs of one robot; see `prepare_walk`.
+
+    Args:
+        paths: MCAP files.
+        robot: with nominal masses.
+        topics: which topic plays which role, in all of them.
+        walks: the files as read with these topics, if they were read already.
+
+    Raises:
+        BadInputError: a file is named twice.
+        LogError: see `prepare_walk`; also if the logs show different joints of the robot.
+        ModelError: a joint cannot be locked where the topic map says.
+    """
+    resolved = [Path(path).resolve() for path in paths]
+    for path in resolved:
+        if resolved.count(path) > 1:
+            raise BadInputError(f"{path.name} is named twice: its information would count twice.")
+    known = walks if walks is not None else [None] * len(paths)
+    prepared = tuple(prepare_walk(path, robot, topics, walk=walk) for path, walk in zip(paths, known, strict=True))
+    first = prepared[0]
+    for other in prepared[1:]:
+        differing = sorted(set(first.walk.joint_names) ^ set(other.walk.joint_names))
+        if differing:
+            raise LogError(
+                f"{first.walk.source} and {other.walk.source} do not show the same joints ({', '.join(differing)}): "
+                "several logs need one set of joints; `ignore` and `locked` in a topic map leave joints out."
+            )
+    return prepared
 
 
 def _steps_per_sample(robot: Robot, walk: Walk) -> int:

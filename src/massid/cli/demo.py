@@ -53,7 +53,7 @@ class Demo:
             )
         say(f"{model.stem} walked {report.duration_s:.1f} s ({self.gait}), masses {report.error_norm_kg:.2f} kg off\n")
         code = Identify(
-            log,
+            (log,),
             model=str(model),
             truth=report.truth_path,
             json=self.out / "result.json",

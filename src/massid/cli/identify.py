@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -21,16 +22,17 @@ EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVER
 
 @dataclass(frozen=True)
 class Identify:
-    """Find the masses of a robot's links from the log of a walk.
+    """Find the masses of a robot's links from the log of a walk, or from several logs of the same robot.
 
     Examples:
       massid identify walk.mcap --model robot.xml --links torso,l_thigh,r_thigh
+      massid identify monday.mcap tuesday.mcap --model robot.xml --mode offline
       massid identify walk.mcap --truth walk.truth.json --rerun walk.rrd
       massid identify walk.mcap --direction gradient --mode offline --json result.json
     """
 
-    log: tyro.conf.Positional[Path]
-    """MCAP log of a walk."""
+    logs: tyro.conf.Positional[tuple[Path, ...]]
+    """MCAP logs of walks of one robot; online they follow each other, offline their scores are added."""
     model: OptionalModel = None
     """MJCF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
     links: OptionalLinks = None
@@ -53,7 +55,7 @@ class Identify:
 
     def run(self) -> int:
         """Identify, print the table, write what was asked for."""
-        from massid.audit import prepare_walk
+        from massid.audit import prepare_walks
         from massid.cli.console import print_result, progress_bar, say, warn
         from massid.identify import identify_offline, identify_online
         from massid.identify.result import write_json
@@ -65,25 +67,29 @@ class Identify:
                 raise BadInputError(f"Cannot write {path}: the folder {path.parent} does not exist.")
         truth = Truth.load(self.truth) if self.truth else None
         topics = load_topics(self.topics) if self.topics else TopicMap()
-        walk = read_walk(self.log, topics)
-        complete = Robot.load(self._model_path(walk))
-        prepared = prepare_walk(self.log, complete, topics, walk=walk)
-        walk, robot = prepared.walk, prepared.robot
+        if not self.logs:
+            raise BadInputError("No log given: massid identify LOG [LOG ...].")
+        read = [read_walk(log, topics) for log in self.logs]
+        complete = Robot.load(self._model_path(read))
+        prepared = prepare_walks(self.logs, complete, topics, read)
+        walks, robot = [one.walk for one in prepared], prepared[0].robot
         options = self.options
-        if options.noise == "auto" and prepared.audit.clean:
+        if options.noise == "auto" and all(one.audit.clean for one in prepared):
             options = replace(options, noise="clean")
-        for warning in walk.warnings:
+        known = [warning for walk in walks for warning in walk.warnings]
+        for warning in known:
             warn(warning)
         space = robot.mass_space(self._links(robot))
         identify = identify_online if self.mode == "online" else identify_offline
         with progress_bar("identifying") as progress:
-            result = identify(walk, robot, space, options, progress)
+            result = identify(walks, robot, space, options, progress)
         scored = score(result, truth) if truth else None
         print_result(result, scored)
-        for warning in result.warnings[len(walk.warnings) :]:
+        for warning in result.warnings[len(known) :]:
             warn(warning)
         if result.status is Status.NOT_IDENTIFIABLE:
             warn(self._hidden(result))
+        shows = f", the motion is that of {walks[0].source}" if len(walks) > 1 else ""
         document = result.to_json()
         if self.json:
             write_json(with_score(document, scored) if scored else document, self.json)
@@ -94,23 +100,31 @@ class Identify:
         if self.rerun:
             from massid.view import write_recording
 
-            write_recording(self.rerun, walk, robot, result, scored)
-            say(f"recording: {self.rerun} (massid view {self.rerun})")
+            write_recording(self.rerun, walks[0], robot, result, scored)
+            say(f"recording: {self.rerun} (massid view {self.rerun}){shows}")
         if self.png:
             from massid.view import write_summary_png
 
-            write_summary_png(self.png, walk, robot, result, scored)
-            say(f"picture: {self.png}")
+            write_summary_png(self.png, walks[0], robot, result, scored)
+            say(f"picture: {self.png}{shows}")
         return EXIT_CODES[result.status]
 
-    def _model_path(self, walk: Walk) -> Path:
+    def _model_path(self, walks: Sequence[Walk]) -> Path:
         if self.model is not None:
             return resolve_model(self.model)
-        path = find_model_by_hash(walk.metadata.get("model_sha256", ""))
-        if path is None:
-            made_with = walk.metadata.get("model_file", "an unknown model")
-            raise LogError(f"{walk.source} was made with {made_with}, which is not shipped: name it with --model.")
-        return path
+        paths: list[Path] = []
+        for walk in walks:
+            path = find_model_by_hash(walk.metadata.get("model_sha256", ""))
+            if path is None:
+                made_with = walk.metadata.get("model_file", "an unknown model")
+                raise LogError(f"{walk.source} was made with {made_with}, which is not shipped: name it with --model.")
+            if paths and path != paths[0]:
+                raise LogError(
+                    f"{walk.source} was made with {path.name}, {walks[0].source} with {paths[0].name}: several logs "
+                    "must be of one robot."
+                )
+            paths.append(path)
+        return paths[0]
 
     def _links(self, robot: Robot) -> list[str]:
         if self.links is not None:

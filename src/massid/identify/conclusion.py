@@ -39,12 +39,20 @@ class Findings:
 
 @dataclass(frozen=True)
 class LogFacts:
-    """What a result says about its log."""
+    """What a result says about its logs.
+
+    Attributes:
+        mode: "online" or "offline".
+        log_s: time covered [s].
+        timestep_s: longest sample period [s].
+        sources: names of the logs.
+        warnings: what the user should know, one line each.
+    """
 
     mode: str
     log_s: float
     timestep_s: float
-    source: str
+    sources: tuple[str, ...]
     warnings: tuple[str, ...]
 
 
@@ -77,7 +85,7 @@ def conclude(
         log_s=log.log_s,
         wall_s=wall_s,
         warnings=log.warnings + _caveats(findings.noise, log.mode),
-        source=log.source,
+        sources=log.sources,
         uncertainty=uncertainty,
     )
 

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from massid.errors import LogError
-from massid.identify.assembly import Assembly, assemble
+from massid.identify.assembly import assemble
 from massid.identify.conclusion import Findings, LogFacts, conclude
+from massid.identify.logs import Log, gather_logs, gather_warnings, join_spaces
 from massid.identify.online import BLOCK_STEPS
 from massid.identify.options import IdentifyOptions
 from massid.identify.progress import Progress, silent
 from massid.identify.result import Result, WindowResult
-from massid.identify.sensing import resolve_noise, with_nuisances
 from massid.log.walk import Segment, Walk
 from massid.observer.blas import single_threaded
 from massid.observer.replay import replay_block, split
@@ -24,55 +25,54 @@ from massid.robot import Robot
 from massid.search.guided import GuidedSearch, Iteration, SearchStatus
 from massid.search.monitoring import Monitoring, MonitoringFilter
 from massid.search.proposal import Proposal
+from massid.search.quadratic import LocalQuadratic
+from massid.typing import IntArray
 
 SETTLED_DECREASE = 1e-3
 """A noisy log is solved when a step would lower -2 log-likelihood by less, a thirtieth of a standard deviation."""
 
 
 def identify_offline(
-    walk: Walk,
+    walks: Walk | Sequence[Walk],
     robot: Robot,
     space: ParameterSpace,
     options: IdentifyOptions | None = None,
     progress: Progress = silent,
 ) -> Result:
-    """Minimise the sum of mu over all dwell windows of a log.
+    """Minimise the sum of mu over all dwell windows of a log, or of several.
 
     Args:
-        walk: the log.
+        walks: the log, or several of the same robot. Masses are common to them; every log has errors of its sensors of
+            its own.
         robot: the robot with nominal masses.
         space: what is unknown.
         options: how to identify.
         progress: told the fraction of the passes done.
 
     Raises:
-        LogError: the log does not match the robot, or is shorter than one dwell window.
+        LogError: a log does not match the robot, or is shorter than one dwell window.
+        BadInputError: some logs have sensor noise and some have none.
         DivergedBankError: too few models stayed finite.
     """
     with single_threaded():
-        return _identify(walk, robot, space, options or IdentifyOptions(), progress)
+        options = options or IdentifyOptions()
+        return _identify(gather_logs(walks, robot, space, options), robot, options, progress)
 
 
-def _identify(walk: Walk, robot: Robot, space: ParameterSpace, options: IdentifyOptions, progress: Progress) -> Result:
+def _identify(logs: Sequence[Log], robot: Robot, options: IdentifyOptions, progress: Progress) -> Result:
     started = time.perf_counter()
-    walk = robot.align(walk)
-    windows = list(walk.windows(options.dwell_s))
-    if not windows:
-        raise LogError(
-            f"{walk.source}: {walk.duration_s:.3g} s of samples do not fill one dwell window of {options.dwell_s} s; "
-            "record a longer walk or use a shorter --dwell-s."
-        )
-    noise = resolve_noise(walk, options)
-    if noise is not None:
-        space = with_nuisances(space, robot, walk, noise, options)
+    joint = join_spaces(logs)
+    space, noise = joint.space, logs[0].noise
+    log_s = sum(log.walk.duration_s for log in logs)
     search = GuidedSearch(space, options.bank_size, options.search, np.random.default_rng(options.seed))
-    replay = _Replay(assemble(robot, space, walk.contact_bodies, walk.timestep_s, noise, options), walk, windows)
+    replays = [_Replay(log, robot, options, columns) for log, columns in zip(logs, joint.columns, strict=True)]
+    prior = None if noise is None else LocalQuadratic.belief(space.nominal, space.prior_precision)
     trace: list[WindowResult] = []
     converged = False
     for index in range(options.passes):
-        scores = replay.run(search.ask(), partial(_report, progress, index, options.passes))
-        iteration = search.tell(_total(scores))
-        trace.append(WindowResult.from_iteration(iteration, walk.duration_s))
+        scores = _score_all(replays, search.ask(), partial(_report, progress, index, options.passes))
+        iteration = search.tell(replace(_total(scores), prior=prior))
+        trace.append(WindowResult.from_iteration(iteration, log_s))
         converged = iteration.status is SearchStatus.CONVERGED or (noise is not None and _is_settled(iteration))
         if converged:
             break
@@ -84,7 +84,13 @@ def _identify(walk: Walk, robot: Robot, space: ParameterSpace, options: Identify
         Findings(space, search.estimate, iteration.quadratic.shifted(search.estimate), parts, noise, chi2_per_sample),
         trace,
         converged,
-        LogFacts("offline", walk.duration_s, walk.timestep_s, walk.source, walk.warnings),
+        LogFacts(
+            "offline",
+            log_s,
+            max(log.walk.timestep_s for log in logs),
+            tuple(log.walk.source for log in logs),
+            gather_warnings(logs),
+        ),
         time.perf_counter() - started,
     )
 
@@ -99,23 +105,46 @@ def _is_settled(iteration: Iteration) -> bool:
     return 0.5 * float(step @ iteration.quadratic.curvature @ step) < SETTLED_DECREASE
 
 
-class _Replay:
-    """Runs the bank through all windows of a log, pass after pass."""
+def _score_all(replays: Sequence[_Replay], proposal: Proposal, progress: Callable[[float], None]) -> list[Monitoring]:
+    """Score a proposal in every window of every log."""
+    n_windows, scores = sum(replay.n_windows for replay in replays), []
+    for replay in replays:
+        for score in replay.run(proposal):
+            scores.append(score)
+            progress(len(scores) / n_windows)
+    return scores
 
-    def __init__(self, assembly: Assembly, walk: Walk, windows: Sequence[Segment]) -> None:
-        self._assembly = assembly
-        self._walk = walk
-        self._windows = windows
+
+class _Replay:
+    """Runs a bank through all windows of a log, pass after pass.
+
+    Raises:
+        LogError: the log is shorter than one dwell window.
+    """
+
+    def __init__(self, log: Log, robot: Robot, options: IdentifyOptions, columns: IntArray) -> None:
+        walk = self._walk = log.walk
+        self._windows = list(walk.windows(options.dwell_s))
+        if not self._windows:
+            raise LogError(
+                f"{walk.source}: {walk.duration_s:.3g} s of samples do not fill one dwell window of "
+                f"{options.dwell_s} s; record a longer walk or use a shorter --dwell-s."
+            )
+        self._assembly = assemble(robot, log.space, walk.contact_bodies, walk.timestep_s, log.noise, options)
+        self._columns = columns
         self._fresh = {segment.start for segment in walk.segments}
 
-    def run(self, proposal: Proposal, progress: Callable[[float], None]) -> list[Monitoring]:
-        """Score a proposal in every window."""
-        self._assembly.bank.place(proposal.points)
-        scores = []
-        for k, window in enumerate(self._windows):
-            scores.append(self._score(window, proposal))
-            progress((k + 1) / len(self._windows))
-        return scores
+    @property
+    def n_windows(self) -> int:
+        """Dwell windows of the log."""
+        return len(self._windows)
+
+    def run(self, proposal: Proposal) -> Iterator[Monitoring]:
+        """Score a proposal of all logs' unknowns in every window."""
+        own = replace(proposal, points=proposal.points[:, self._columns])
+        self._assembly.bank.place(own.points)
+        for window in self._windows:
+            yield self._score(window, own).embedded(proposal, self._columns)
 
     def _score(self, window: Segment, proposal: Proposal) -> Monitoring:
         bank = self._assembly.bank
@@ -125,7 +154,7 @@ class _Replay:
             if part.start == window.start and (not bank.carries_belief or window.start in self._fresh):
                 bank.restart(block)
             scores.update(bank.advance(block))
-        return scores.result(proposal, self._assembly.prior)
+        return scores.result(proposal)
 
 
 def _total(scores: Sequence[Monitoring]) -> Monitoring:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from massid.errors import LogError
+from massid.errors import BadInputError, LogError
 from massid.identify.assembly import assemble
 from massid.identify.conclusion import Findings, LogFacts, conclude
+from massid.identify.logs import gather_logs, gather_warnings, hand_over, start_from
 from massid.identify.options import IdentifyOptions
 from massid.identify.posterior import posterior
 from massid.identify.progress import Progress, silent
 from massid.identify.result import Result, WindowResult
-from massid.identify.sensing import resolve_noise, with_nuisances
 from massid.log.walk import Sample, Walk
 from massid.noise import SensorNoise
 from massid.observer.blas import single_threaded
@@ -58,24 +59,66 @@ class OnlineIdentifier:
     ) -> None:
         self.options = options or IdentifyOptions()
         self.space = space
-        self._timestep_s = timestep_s
-        self._search = GuidedSearch(
-            space, self.options.bank_size, self.options.search, np.random.default_rng(self.options.seed)
-        )
-        assembly = assemble(robot, space, contact_bodies, timestep_s, noise, self.options)
-        self._bank, self._belief, self._forgetting_rate = assembly.bank, assembly.prior, assembly.forgetting_rate
+        self._robot = robot
+        self._rng = np.random.default_rng(self.options.seed)
+        self._search = GuidedSearch(space, self.options.bank_size, self.options.search, self._rng)
+        self._windows: list[WindowResult] = []
+        self._converged = False
+        self._pushed = 0
+        self._log_s = self._earlier_s = 0.0
+        self._started = time.perf_counter()
+        self._belief = self._start(contact_bodies, timestep_s, noise)
+        self._information = self._belief or LocalQuadratic.belief(space.nominal, np.zeros(len(space)))
+        self._open_window()
+
+    def _start(
+        self, contact_bodies: Sequence[str], timestep_s: float, noise: SensorNoise | None
+    ) -> LocalQuadratic | None:
+        """Build the bank for a walk; returns the prior of its unknowns."""
+        self._timestep_s, self._noise = timestep_s, noise
         self._window_steps = round(self.options.dwell_s / timestep_s)
         if self._window_steps < 2:
             raise LogError(f"A dwell time of {self.options.dwell_s} s is shorter than two samples of {timestep_s} s.")
+        robot = self._robot
+        assembly = assemble(robot, self.space, contact_bodies, timestep_s, noise, self.options)
+        self._bank, self._forgetting_rate = assembly.bank, assembly.forgetting_rate
         self._buffer = SampleBuffer(robot.layout, len(robot.joint_names), len(contact_bodies), BLOCK_STEPS + 1)
-        self._noise = noise
-        self._information = self._belief or LocalQuadratic.belief(space.nominal, np.zeros(len(space)))
-        self._windows: list[WindowResult] = []
         self._is_first = True
-        self._converged = False
-        self._pushed = 0
-        self._first_stamp_ns = self._last_stamp_ns = 0
-        self._started = time.perf_counter()
+        self._first_stamp_ns: int | None = None
+        self._last_stamp_ns = 0
+        return assembly.prior
+
+    def start_walk(
+        self,
+        space: ParameterSpace,
+        contact_bodies: Sequence[str],
+        timestep_s: float,
+        noise: SensorNoise | None = None,
+    ) -> None:
+        """Go on with another walk of the same robot: what is known of its masses stays, sensors begin anew.
+
+        Args:
+            space: the same parameters asked for, with the nuisances of this walk.
+            contact_bodies: bodies whose wrench is measured in it.
+            timestep_s: its sample period [s].
+            noise: of its sensors; None if and only if the walks before had none.
+
+        Raises:
+            BadInputError: other parameters are asked for, or only some of the walks have sensor noise.
+            ModelError: a contact body is not in the model.
+        """
+        asked = space.parameters[: space.n_sampled]
+        if asked != self.space.parameters[: self.space.n_sampled] or (noise is None) != (self._noise is None):
+            raise BadInputError("A further walk must ask for the same parameters and have sensor noise as before.")
+        before, self.space = self.space, space
+        self._earlier_s = self._log_s
+        prior = self._start(contact_bodies, timestep_s, noise)
+        if self._belief is not None and prior is not None:
+            self._information = self._belief = hand_over(self._belief, before, space)
+            radius = max(self._search.radius, self.options.search.smallest_radius)
+            options = replace(self.options.search, radius=radius, scan=())
+            estimate = start_from(self._search.estimate, before, space)
+            self._search = GuidedSearch(space, self.options.bank_size, options, self._rng, [estimate])
         self._open_window()
 
     @property
@@ -98,7 +141,7 @@ class OnlineIdentifier:
         """
         if self._converged:
             return None
-        if self._pushed == 0:
+        if self._first_stamp_ns is None:
             self._first_stamp_ns = sample.stamp_ns
         elif abs((sample.stamp_ns - self._last_stamp_ns) * 1e-9 - self._timestep_s) > 0.5 * self._timestep_s:
             self._open_window()
@@ -106,6 +149,7 @@ class OnlineIdentifier:
             self._is_first = True
         self._last_stamp_ns = sample.stamp_ns
         self._pushed += 1
+        self._log_s += self._timestep_s
         self._buffer.append(sample)
         window_is_full = self._steps + self._buffer.n_steps == self._window_steps
         if self._buffer.n_steps < BLOCK_STEPS and not window_is_full:
@@ -114,22 +158,26 @@ class OnlineIdentifier:
             self._advance()
             return self._close_window() if window_is_full else None
 
-    def result(self, source: str = "walk", warnings: Sequence[str] = ()) -> Result:
+    def result(self, sources: Sequence[str] = ("walk",), warnings: Sequence[str] = ()) -> Result:
         """What has been found so far.
+
+        Args:
+            sources: names of the walks.
+            warnings: to be said with the result, one line each.
 
         Raises:
             LogError: not one dwell window was complete.
         """
         if not self._windows:
             raise LogError(
-                f"{source}: {self._pushed} samples of {self._timestep_s} s do not fill one dwell window of "
+                f"{', '.join(sources)}: {self._pushed} samples of {self._timestep_s} s do not fill one dwell window of "
                 f"{self.options.dwell_s} s; record a longer walk or use a shorter --dwell-s."
             )
         return conclude(
             Findings(self.space, self.estimate, self._information, (), self._noise, self._chi2_per_sample),
             self._windows,
             self._converged,
-            LogFacts("online", self._pushed * self._timestep_s, self._timestep_s, source, tuple(warnings)),
+            LogFacts("online", self._log_s, self._timestep_s, tuple(sources), tuple(warnings)),
             time.perf_counter() - self._started,
         )
 
@@ -167,8 +215,8 @@ class OnlineIdentifier:
                 window_quadratic, iteration.estimate, self.space.n_sampled
             )
             std = posterior(self.space, self._belief).std[: self.space.n_sampled]
-        time_s = (self._last_stamp_ns - self._first_stamp_ns) * 1e-9
-        window = WindowResult.from_iteration(iteration, time_s, std)
+        time_s = self._earlier_s + (self._last_stamp_ns - (self._first_stamp_ns or 0)) * 1e-9
+        window = replace(WindowResult.from_iteration(iteration, time_s, std), index=len(self._windows))
         self._windows.append(window)
         self._open_window()
         return window
@@ -185,36 +233,43 @@ def _discounted(window: LocalQuadratic, estimate: FloatArray, n_sampled: int) ->
 
 
 def identify_online(
-    walk: Walk,
+    walks: Walk | Sequence[Walk],
     robot: Robot,
     space: ParameterSpace,
     options: IdentifyOptions | None = None,
     progress: Progress = silent,
 ) -> Result:
-    """Play a recorded walk once, sample by sample, into an `OnlineIdentifier`.
+    """Play recorded walks once, one after the other, sample by sample, into an `OnlineIdentifier`.
 
     Args:
-        walk: the log.
+        walks: the log, or several of the same robot.
         robot: the robot with nominal masses.
         space: what is unknown.
         options: how to identify.
         progress: told the fraction done and the current estimate's window.
 
     Raises:
-        LogError: the log does not match the robot, or is shorter than one dwell window.
+        LogError: a log does not match the robot, or none fills one dwell window.
+        BadInputError: some logs have sensor noise and some have none.
         DivergedBankError: too few models stayed finite.
     """
-    walk = robot.align(walk)
     options = options or IdentifyOptions()
-    noise = resolve_noise(walk, options)
-    if noise is not None:
-        space = with_nuisances(space, robot, walk, noise, options)
-    identifier = OnlineIdentifier(robot, space, walk.contact_bodies, walk.timestep_s, options, noise)
-    for k, sample in enumerate(walk.samples(), start=1):
-        window = identifier.push(sample)
-        if window is not None:
-            progress(k / len(walk), f"window {window.index + 1}")
+    logs = gather_logs(walks, robot, space, options)
+    first, n_samples, pushed = logs[0], sum(len(log.walk) for log in logs), 0
+    identifier = OnlineIdentifier(
+        robot, first.space, first.walk.contact_bodies, first.walk.timestep_s, options, first.noise
+    )
+    for log in logs:
         if identifier.converged:
             break
+        if log is not first:
+            identifier.start_walk(log.space, log.walk.contact_bodies, log.walk.timestep_s, log.noise)
+        for sample in log.walk.samples():
+            window = identifier.push(sample)
+            pushed += 1
+            if window is not None:
+                progress(pushed / n_samples, f"window {window.index + 1}")
+            if identifier.converged:
+                break
     progress(1.0, "done")
-    return identifier.result(walk.source, walk.warnings)
+    return identifier.result([log.walk.source for log in logs], gather_warnings(logs))

@@ -36,7 +36,8 @@ class WindowResult:
 
     Attributes:
         index: number of the update, from 0: the dwell window online, the pass over the log offline.
-        time_s: time in the log at which the update was made, since its first sample [s].
+        time_s: time in the log at which the update was made, since its first sample [s]; several logs follow each
+            other.
         estimate: shape (n_p,).
         mu: scores of all models, shape (n_models,); inf for diverged ones.
         best: row of p_best.
@@ -117,10 +118,10 @@ class Result:
         excitation: what the log reveals of each parameter.
         uncertainty: covariance and nuisances; None for a log without noise.
         mode: "online" or "offline".
-        log_s: time covered by the log [s].
+        log_s: time covered by the logs [s].
         wall_s: time it took [s].
         warnings: what the user should know, one line each.
-        source: the log.
+        sources: the logs.
     """
 
     space: ParameterSpace
@@ -132,7 +133,7 @@ class Result:
     log_s: float
     wall_s: float
     warnings: tuple[str, ...] = ()
-    source: str = "walk"
+    sources: tuple[str, ...] = ("walk",)
     uncertainty: Uncertainty | None = None
 
     @property
@@ -207,6 +208,7 @@ class Result:
             ],
             "status": str(self.status),
             "mode": self.mode,
+            "logs": list(self.sources),
             "warnings": list(self.warnings),
             "wall_s": self.wall_s,
             "log_s": self.log_s,

@@ -152,6 +152,11 @@ class GuidedSearch:
         return self._estimate
 
     @property
+    def radius(self) -> float:
+        """Sampling radius of the points asked for, as a fraction of the scales."""
+        return self._radius
+
+    @property
     def n_candidates(self) -> int:
         """Candidates that fit beside the centre and enough samples."""
         wanted = self.options.candidates + self.options.kept

@@ -10,7 +10,7 @@ with no trajectory stored.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +19,7 @@ from massid.errors import DivergedBankError
 from massid.search.bank import OutputErrors
 from massid.search.proposal import Proposal
 from massid.search.quadratic import LocalQuadratic
-from massid.typing import BoolArray, FloatArray
+from massid.typing import BoolArray, FloatArray, IntArray
 
 
 class MonitoringFilter:
@@ -101,6 +101,23 @@ class Monitoring:
             prior=self.prior,
             noise_slope=self.noise_slope + other.noise_slope,
         )
+
+    def embedded(self, proposal: Proposal, columns: IntArray) -> Monitoring:
+        """The same scores for a proposal with more coordinates, which these windows say nothing about.
+
+        Args:
+            proposal: the same points with all coordinates; sampled ones come first and are the same.
+            columns: where the own coordinates are among them.
+        """
+        n_models, n_points = len(self.diverged), proposal.points.shape[1]
+        n_tangents = len(self.gram) - n_models
+        n_sampled = len(columns) - n_tangents
+        rows = np.concatenate([np.arange(n_models), n_models - n_sampled + columns[n_sampled:]])
+        gram = np.zeros((n_models + n_points - n_sampled,) * 2)
+        gram[np.ix_(rows, rows)] = self.gram
+        slope = np.zeros(n_points)
+        slope[columns] = self.noise_slope
+        return replace(self, proposal=proposal, gram=gram, noise_slope=slope)
 
     @cached_property
     def mu(self) -> FloatArray:

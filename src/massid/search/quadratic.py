@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massid.typing import FloatArray
+from massid.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,35 @@ class LocalQuadratic:
             value=self.at(centre),
             gradient=self.gradient + self.curvature @ (centre - self.centre),
         )
+
+    def marginal(self, kept: IntArray) -> LocalQuadratic:
+        """What it says about some coordinates, the others having settled wherever they fit best.
+
+        For a belief that is minus twice the logarithm of a normal density this is the marginal's, by the Schur
+        complement; the others' curvature must be positive definite.
+        """
+        rest = np.setdiff1d(np.arange(len(self.centre)), kept)
+        lift = np.linalg.solve(self.curvature[np.ix_(rest, rest)], self.curvature[np.ix_(rest, kept)]).T
+        settled = np.linalg.solve(self.curvature[np.ix_(rest, rest)], self.gradient[rest])
+        return replace(
+            self,
+            centre=self.centre[kept],
+            value=self.value - 0.5 * float(self.gradient[rest] @ settled),
+            gradient=self.gradient[kept] - lift @ self.gradient[rest],
+            curvature=self.curvature[np.ix_(kept, kept)] - lift @ self.curvature[np.ix_(rest, kept)],
+        )
+
+    def embedded(self, centre: FloatArray, columns: IntArray) -> LocalQuadratic:
+        """The same belief among more coordinates, of which it says nothing.
+
+        Args:
+            centre: point to expand around in the larger space, shape (n,).
+            columns: where the own coordinates are in it.
+        """
+        moved = self.shifted(centre[columns])
+        gradient, curvature = np.zeros(len(centre)), np.zeros((len(centre), len(centre)))
+        gradient[columns], curvature[np.ix_(columns, columns)] = moved.gradient, moved.curvature
+        return replace(moved, centre=centre, gradient=gradient, curvature=curvature)
 
     def scaled(self, factor: float) -> LocalQuadratic:
         """The quadratic times a positive number: a weight, or a discount for age."""

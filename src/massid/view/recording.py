@@ -71,7 +71,7 @@ def write_recording(path: Path, walk: Walk, robot: Robot, result: Result, score:
         raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
     stream = rr.RecordingStream(APPLICATION)
     stream.save(path, default_blueprint=make_blueprint(trace, motion, robot))
-    stream.send_recording_name(result.source)
+    stream.send_recording_name(", ".join(result.sources))
     writer = _Writer(stream, motion, trace)
     writer.scene(robot)
     writer.curves()

@@ -1,0 +1,132 @@
+"""Several logs of one robot: masses are the robot's and shared, what sensors read wrong is each log's own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massid.errors import BadInputError
+from massid.identify.options import IdentifyOptions
+from massid.identify.sensing import resolve_noise, with_nuisances
+from massid.log.walk import Walk
+from massid.noise import SensorNoise
+from massid.parameters import ParameterSpace
+from massid.robot import Robot
+from massid.search.quadratic import LocalQuadratic
+from massid.typing import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class Log:
+    """One log of an identification.
+
+    Attributes:
+        walk: its joints in the robot's order.
+        noise: of its sensors; None for a log without noise.
+        space: the parameters asked for, followed by this log's nuisances.
+    """
+
+    walk: Walk
+    noise: SensorNoise | None
+    space: ParameterSpace
+
+
+@dataclass(frozen=True)
+class JointSpace:
+    """The unknowns of all logs together.
+
+    Attributes:
+        space: the parameters asked for, then all nuisances; those of a sensor carry the number of their log.
+        columns: for each log, where the coordinates of its own space are.
+    """
+
+    space: ParameterSpace
+    columns: tuple[IntArray, ...]
+
+
+def gather_logs(
+    walks: Walk | Sequence[Walk], robot: Robot, space: ParameterSpace, options: IdentifyOptions
+) -> tuple[Log, ...]:
+    """Align one walk or several with the robot and say what is unknown about each.
+
+    Sample periods and contact bodies may differ from log to log.
+
+    Raises:
+        BadInputError: no walk, or some with and some without sensor noise, whose scores cannot be added.
+        LogError: a walk does not match the robot.
+    """
+    given = (walks,) if isinstance(walks, Walk) else tuple(walks)
+    if not given:
+        raise BadInputError("No walk to identify from: give at least one.")
+    logs = []
+    for one in given:
+        walk = robot.align(one)
+        noise = resolve_noise(walk, options)
+        own = space if noise is None else with_nuisances(space, robot, walk, noise, options)
+        logs.append(Log(walk, noise, own))
+    noisy = [log.walk.source for log in logs if log.noise is not None]
+    clean = [log.walk.source for log in logs if log.noise is None]
+    if noisy and clean:
+        raise BadInputError(
+            f"{noisy[0]} has sensor noise and {clean[0]} has none: identify them one at a time, or say what sensors "
+            "both have (--options.noise white or realistic)."
+        )
+    return tuple(logs)
+
+
+def join_spaces(logs: Sequence[Log]) -> JointSpace:
+    """Put the unknowns of all logs side by side: masses once, sensors' errors once for each log."""
+    if len(logs) == 1:
+        return JointSpace(logs[0].space, (np.arange(len(logs[0].space)),))
+    parameters, columns = list(logs[0].space.parameters), []
+    parameters = [p for p in parameters if not p.per_walk]
+    shared = {p.name: k for k, p in enumerate(parameters)}
+    for number, log in enumerate(logs, start=1):
+        own = []
+        for parameter in log.space.parameters:
+            if parameter.per_walk:
+                own.append(len(parameters))
+                parameters.append(replace(parameter, target=f"{parameter.target}@{number}"))
+            else:
+                own.append(shared[parameter.name])
+        columns.append(np.array(own, dtype=np.int64))
+    return JointSpace(ParameterSpace(tuple(parameters)), tuple(columns))
+
+
+def hand_over(belief: LocalQuadratic, before: ParameterSpace, space: ParameterSpace) -> LocalQuadratic:
+    """What one walk taught, as the belief that the next begins with.
+
+    Errors of the first walk's sensors are marginalised out; those of the next one's have their prior. Priors of what is
+    common are in the belief already.
+
+    Args:
+        belief: at the end of a walk, its prior included.
+        before: that walk's unknowns.
+        space: the next walk's unknowns.
+    """
+    kept = np.array([k for k, p in enumerate(before.parameters) if not p.per_walk], dtype=np.int64)
+    fresh = np.array([p.per_walk for p in space.parameters])
+    centre = start_from(belief.centre, before, space)
+    prior = LocalQuadratic.belief(centre, np.where(fresh, space.prior_precision, 0.0))
+    return prior + belief.marginal(kept).embedded(centre, _columns_of(before, space))
+
+
+def start_from(point: FloatArray, before: ParameterSpace, space: ParameterSpace) -> FloatArray:
+    """A point of one walk's unknowns as a point of the next one's, whose sensors have no error yet."""
+    kept = [k for k, p in enumerate(before.parameters) if not p.per_walk]
+    moved = space.nominal.copy()
+    moved[_columns_of(before, space)] = point[kept]
+    return moved
+
+
+def _columns_of(before: ParameterSpace, space: ParameterSpace) -> IntArray:
+    """Where the unknowns that are not an error of a walk's sensors are in another space."""
+    names = [p.name for p in before.parameters if not p.per_walk]
+    return np.array([space.names.index(name) for name in names], dtype=np.int64)
+
+
+def gather_warnings(logs: Sequence[Log]) -> tuple[str, ...]:
+    """What reading all logs had to say."""
+    return tuple(warning for log in logs for warning in log.walk.warnings)
