@@ -73,8 +73,9 @@ def draw_truth(space: ParameterSpace, seed: int, relative_error: float = 0.15) -
 
 
 def push_about(
-    robot: Robot, space: ParameterSpace, truth: FloatArray, seconds: float, seed: int = 0, amplitude: float = 0.08
-) -> Walk:
+    robot: Robot, space: ParameterSpace, truth: FloatArray, seconds: float, seed: int = 0, amplitude: float = 0.08,
+    shaking_nm: float = 0.0,
+) -> Walk:  # fmt: skip
     """Simulate the robot with its true masses on a floor and log states, torques and foot wrenches."""
     rng = np.random.default_rng(seed)
     spec = robot.spec.copy()
@@ -91,6 +92,8 @@ def push_about(
         time = k * model.opt.timestep
         target = amplitude * np.sin(2 * np.pi * frequency * time + phase) * min(1.0, 2.0 * time)
         torque = 600.0 * (target - data.qpos[7:]) - 20.0 * data.qvel[6:]
+        if shaking_nm:
+            torque += shaking_nm * rng.normal(size=joints)
         data.ctrl[:] = torque[motor_dof - 6]
         rows["qpos"].append(data.qpos.copy())
         rows["qvel"].append(data.qvel.copy())

@@ -34,7 +34,7 @@ SEES = {
     "log": {"errors", "typing"},
     "noise": {"log", "errors", "typing"},
     "observer": {"noise", "robot", "log", "search", "parameters", "errors", "typing"},
-    "identify": {"noise", "observer", "robot", "log", "search", "parameters", "errors", "typing"},
+    "identify": {"audit", "noise", "observer", "robot", "log", "search", "parameters", "errors", "typing"},
     "walking": {"robot", "errors", "typing"},
     "audit": {"robot", "kinematics", "log", "errors", "typing"},
     "plant": {"noise", "walking", "robot", "log", "parameters", "errors", "typing"},

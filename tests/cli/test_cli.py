@@ -226,3 +226,15 @@ def test_the_shipped_walk_is_identified_with_nothing_but_its_name(capsys: pytest
     assert main(["identify", str(log), "--truth", str(log.with_suffix(".truth.json"))]) == 0
     assert "converged" in capsys.readouterr().out
     assert read_walk(log).duration_s == pytest.approx(5.0, abs=0.01)
+
+
+def test_links_names_the_body_that_a_welded_link_moves_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model = tmp_path / "robot.xml"
+    model.write_text(
+        '<mujoco><worldbody><body name="trunk"><freejoint name="root"/><geom size="0.1" mass="9"/><body name="pack">'
+        '<geom size="0.1" mass="2"/></body><body name="leg"><joint name="hip"/><geom size="0.1" mass="3"/></body>'
+        "</body></worldbody></mujoco>"
+    )
+    assert main(["links", str(model)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line for line in lines if "moves with trunk" in line] == [line for line in lines if line.startswith("pack")]

@@ -171,3 +171,14 @@ def _cut(walk: Walk, n: int) -> Walk:
         wrench=walk.wrench[:n],
         segments=(),
     )
+
+
+@pytest.mark.parametrize("identify", [identify_online, identify_offline])
+def test_links_that_were_not_named_but_are_wrong_are_told(identify, pushed: Pushed) -> None:
+    some = pushed.robot.mass_space(LINKS[:-1])
+    assert any("name more links" in line for line in identify(pushed.walk, pushed.robot, some, SHORT).warnings)
+    assert not identify(pushed.walk, pushed.robot, pushed.space, SHORT).warnings
+
+
+def test_a_search_that_is_still_far_off_accuses_no_link(pushed: Pushed) -> None:
+    assert not identify_online(_cut(pushed.walk, 260), pushed.robot, pushed.space, SHORT).warnings

@@ -11,7 +11,7 @@ from massid.identify.sensing import estimate_white_noise, resolve_noise
 from massid.log.walk import Walk
 from massid.noise import PRESETS, SensorNoise, Sensors, rotate
 from tests.conftest import Pushed
-from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
+from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about
 
 WHITE = IdentifyOptions(dwell_s=0.25, noise="white", other_links=0.0)
 
@@ -54,7 +54,18 @@ def test_white_noise_levels_are_read_off_the_log(pushed: Pushed) -> None:
 def test_a_clean_log_is_recognised_at_any_rate(every: int, pushed: Pushed) -> None:
     rows = {name: getattr(pushed.walk, name)[::every] for name in ("stamps_ns", "qpos", "qvel", "effort", "wrench")}
     walk = replace(pushed.walk, timestep_s=0.001 * every, segments=(), **rows)
-    assert resolve_noise(walk, IdentifyOptions()) is None
+    assert resolve_noise(walk, pushed.robot, IdentifyOptions()) is None
+
+
+def test_shaking_that_the_torques_explain_is_not_noise(pushed: Pushed) -> None:
+    walk = push_about(pushed.robot, pushed.space, pushed.truth, seconds=0.4, shaking_nm=10.0)
+    assert estimate_white_noise(walk).joint_velocity > 0.01
+    assert resolve_noise(walk, pushed.robot, IdentifyOptions()) is None
+    found = resolve_noise(
+        Sensors(PRESETS["white"], 8, FEET, np.random.default_rng(1)).measure(walk), pushed.robot, IdentifyOptions()
+    )
+    assert found is not None
+    assert found.joint_velocity == pytest.approx(PRESETS["white"].joint_velocity, rel=0.5)
 
 
 def test_an_impossible_noise_level_is_refused() -> None:

@@ -11,6 +11,8 @@ import tyro
 class Links:
     """List the links of a robot with their nominal masses, as --links takes them.
 
+    A link that has no joint of its own moves with another, so only the two together can be weighed: name that one.
+
     Examples:
       massid links atlas
       massid links my_robot.xml
@@ -28,6 +30,8 @@ class Links:
         robot = Robot.load(resolve_model(self.model))
         width = max(len(link) for link in robot.links)
         for link in robot.links:
-            say(f"{link:{width}}  {robot.nominal_mass_kg(link):8.3f} kg")
+            parent = robot.welded_to(link)
+            note = "" if parent is None else f"  moves with {parent}"
+            say(f"{link:{width}}  {robot.nominal_mass_kg(link):8.3f} kg{note}")
         say(f"{'total':{width}}  {robot.total_mass_kg:8.3f} kg")
         return 0

@@ -15,6 +15,11 @@ from massid.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 
+LARGEST_REST = 1e-3
+"""Share of the links' masses that may stay unexplained in a log without noise."""
+MARGIN = 10.0
+"""Factor on the part of mu that the curvature of the output error in the masses explains."""
+
 
 @dataclass(frozen=True)
 class Findings:
@@ -26,7 +31,7 @@ class Findings:
         information: sum of what all windows and the prior say.
         windows: each window's own part, if it was kept.
         noise: sensor noise; None for a log without noise.
-        chi2_per_sample: mean square of the last whitened innovations of the centre.
+        last: the last window's quadratic, or that of the last pass over all windows, without the prior.
     """
 
     space: ParameterSpace
@@ -34,7 +39,7 @@ class Findings:
     information: LocalQuadratic
     windows: tuple[LocalQuadratic, ...]
     noise: SensorNoise | None
-    chi2_per_sample: float
+    last: LocalQuadratic
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,7 @@ def conclude(
         mode=log.mode,
         log_s=log.log_s,
         wall_s=wall_s,
-        warnings=log.warnings + _caveats(findings.noise, log.mode),
+        warnings=log.warnings + _caveats(findings.noise, log.mode) + _misfit(findings),
         sources=log.sources,
         uncertainty=uncertainty,
     )
@@ -99,6 +104,29 @@ def _caveats(noise: SensorNoise | None, mode: str) -> tuple[str, ...]:
     )
 
 
+def _misfit(findings: Findings) -> tuple[str, ...]:
+    """Say so if no masses of the links asked for explain a log without noise.
+
+    What is left of mu is stated as the relative error that a typical one of these masses would have to have to leave as
+    much. Rounding leaves 1e-13; a search that is still far off leaves what the samples show to be curved.
+    """
+    if findings.noise is not None:
+        return ()
+    last = findings.last
+    change = last.change(findings.estimate - last.centre, findings.space.n_sampled)
+    curved = last.misfit * (change / max(last.explained, np.finfo(float).tiny)) ** 2
+    left = max(0.0, last.at(findings.estimate) - MARGIN * curved)
+    effect = 0.5 * np.diagonal(findings.last.curvature) * findings.space.scale**2
+    relative = float(np.sqrt(left / max(float(effect.mean()), np.finfo(float).tiny)))
+    if relative < LARGEST_REST:
+        return ()
+    return (
+        f"these links' masses do not explain the log: what is left weighs as much as an error of {relative:.2%} in "
+        "each of them. Links that were not named, or the model, are off, and so are the masses found: name more links "
+        "(--links).",
+    )
+
+
 def _uncertainty(findings: Findings, noise: SensorNoise) -> Uncertainty:
     asked = findings.space.n_sampled
     found = posterior(findings.space, findings.information, findings.windows)
@@ -106,7 +134,7 @@ def _uncertainty(findings: Findings, noise: SensorNoise) -> Uncertainty:
         noise=noise,
         covariance=found.covariance[:asked, :asked],
         inflation=found.inflation,
-        chi2_per_sample=findings.chi2_per_sample,
+        chi2_per_sample=findings.last.value / findings.last.samples,
         nuisances=findings.space.tangents,
         nuisance_estimate=findings.estimate[asked:],
         nuisance_std=found.std[asked:],

@@ -63,7 +63,7 @@ def gather_logs(
     logs = []
     for one in given:
         walk = robot.align(one)
-        noise = resolve_noise(walk, options)
+        noise = resolve_noise(walk, robot, options)
         own = space if noise is None else with_nuisances(space, robot, walk, noise, options)
         logs.append(Log(walk, noise, own))
     noisy = [log.walk.source for log in logs if log.noise is not None]

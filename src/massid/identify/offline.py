@@ -78,10 +78,9 @@ def _identify(logs: Sequence[Log], robot: Robot, options: IdentifyOptions, progr
             break
     progress(1.0, "done")
     total = _total(scores).window_quadratic()
-    chi2_per_sample = total.value / total.samples
     parts = () if noise is None else tuple(score.window_quadratic() for score in scores)
     return conclude(
-        Findings(space, search.estimate, iteration.quadratic.shifted(search.estimate), parts, noise, chi2_per_sample),
+        Findings(space, search.estimate, iteration.quadratic.shifted(search.estimate), parts, noise, total),
         trace,
         converged,
         LogFacts(

@@ -174,7 +174,7 @@ class OnlineIdentifier:
                 f"{self.options.dwell_s} s; record a longer walk or use a shorter --dwell-s."
             )
         return conclude(
-            Findings(self.space, self.estimate, self._information, (), self._noise, self._chi2_per_sample),
+            Findings(self.space, self.estimate, self._information, (), self._noise, self._last),
             self._windows,
             self._converged,
             LogFacts("online", self._log_s, self._timestep_s, tuple(sources), tuple(warnings)),
@@ -205,7 +205,7 @@ class OnlineIdentifier:
         samples = self._proposal.samples
         self._samples = samples[~monitoring.diverged[samples]]
         window_quadratic = monitoring.window_quadratic()
-        self._chi2_per_sample = window_quadratic.value / window_quadratic.samples
+        self._last = window_quadratic
         if self._belief is None:
             self._information = self._information + window_quadratic
             self._converged = iteration.status is SearchStatus.CONVERGED

@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from massid.audit.balance import measure_balance
+from massid.audit.one_step import one_step_residual
 from massid.identify.options import IdentifyOptions
 from massid.log.walk import Walk
 from massid.noise import PRESETS, SensorNoise
@@ -23,17 +25,36 @@ _FEWEST_FLIPS = 0.65
 """Third differences of white noise change sign 77 % of the time (correlation -3/4), those of a motion hardly ever."""
 
 
-def resolve_noise(walk: Walk, options: IdentifyOptions) -> SensorNoise | None:
+def resolve_noise(walk: Walk, robot: Robot, options: IdentifyOptions) -> SensorNoise | None:
     """Noise levels for an identification; None for a log without noise.
 
-    With `auto`, white noise is read off the log and slow errors, which no log shows, are those of `realistic`.
+    With `auto`, white noise is read off the log and slow errors, which no log shows, are those of `realistic`. What
+    shakes may also be the robot, such as by a stiff servo: then the logged torques and wrenches explain the shaking.
+
+    Args:
+        walk: aligned with the robot.
+        robot: with nominal masses.
+        options: how to identify.
     """
     if options.noise == "clean":
         return None
     if options.noise != "auto":
         return PRESETS[options.noise]
     noise = estimate_white_noise(walk)
+    if noise.joint_velocity < CLEAN_VELOCITY:
+        return None
+    noise = replace(noise, joint_velocity=min(noise.joint_velocity, _largest_velocity_noise(robot, walk)))
     return None if noise.joint_velocity < CLEAN_VELOCITY else noise
+
+
+def _largest_velocity_noise(robot: Robot, walk: Walk) -> float:
+    """Noise of joint velocities that the forces leave room for [rad/s].
+
+    White noise changes a velocity by sqrt(2) of its deviation from sample to sample, and no force explains that: a step
+    of the model with the masses that fit best leaves at least as much.
+    """
+    balance = measure_balance(robot, walk)
+    return np.inf if balance is None else one_step_residual(robot, walk, balance).fitted / np.sqrt(2.0)
 
 
 def estimate_white_noise(walk: Walk) -> SensorNoise:
