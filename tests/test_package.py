@@ -37,6 +37,7 @@ SEES = {
     "identify": {"audit", "noise", "observer", "robot", "log", "search", "parameters", "errors", "typing"},
     "walking": {"robot", "errors", "typing"},
     "audit": {"robot", "kinematics", "log", "errors", "typing"},
+    "baseline": {"noise", "robot", "log", "parameters", "errors", "typing"},
     "plant": {"noise", "walking", "robot", "log", "parameters", "errors", "typing"},
 }
 """What each room may know of the others: data flows one way, and truth never reaches identification."""
