@@ -8,7 +8,7 @@ import pytest
 import massid.plant.walk
 from massid.errors import BadInputError
 from massid.log.reader import read_walk
-from massid.plant import HiddenMasses, MassErrors, record_walk
+from massid.plant import HiddenMasses, MassErrors, corrupt_log, record_walk
 from massid.robot import Robot, file_sha256
 from massid.walking import Walker
 from tests.plant.conftest import ATLAS, Walked, true_masses
@@ -126,6 +126,30 @@ def test_an_interrupted_walk_keeps_log_and_truth(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "walk.truth.json").read_text())["end"] == "interrupted"
 
 
+def test_a_noisy_recording_is_the_clean_one_with_sensors(tmp_path: Path) -> None:
+    record_walk(ATLAS, tmp_path / "clean.mcap", 0.3, seed=1)
+    corrupted = corrupt_log(tmp_path / "clean.mcap", tmp_path / "corrupted.mcap", "realistic", seed=1)
+    recorded = record_walk(ATLAS, tmp_path / "recorded.mcap", 0.3, noise="realistic", seed=1)
+    first, second = read_walk(recorded.path), read_walk(corrupted.path)
+    for name in ("qpos", "qvel", "effort", "wrench"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert first.metadata == second.metadata
+    assert recorded.truth_path.read_text() == corrupted.truth_path.read_text()
+    assert len(list(tmp_path.iterdir())) == 6  # three logs with their truth; the hidden clean one is gone
+
+
+def test_an_interrupted_noisy_walk_leaves_no_clean_one(tmp_path: Path) -> None:
+    def interrupt(fraction: float, what: str) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        record_walk(ATLAS, tmp_path / "walk.mcap", 2.0, noise="white", progress=interrupt)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["walk.mcap", "walk.truth.json"]
+    walk = read_walk(tmp_path / "walk.mcap")
+    assert walk.metadata["end"].startswith("KeyboardInterrupt")
+    assert walk.metadata["sensor_noise"] == "simulated"
+
+
 def test_progress_reaches_the_end(tmp_path: Path) -> None:
     told: list[float] = []
     record_walk(ATLAS, tmp_path / "walk.mcap", 0.45, progress=lambda fraction, what: told.append(fraction))
@@ -136,6 +160,8 @@ def test_progress_reaches_the_end(tmp_path: Path) -> None:
 def test_bad_requests_leave_no_files(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="no gait named 'moonwalk'"):
         record_walk(ATLAS, tmp_path / "walk.mcap", 1.0, gait="moonwalk")
+    with pytest.raises(BadInputError, match="massid has no sensor noise named 'loud'"):
+        record_walk(ATLAS, tmp_path / "walk.mcap", 1.0, noise="loud")  # type: ignore[arg-type]
     with pytest.raises(BadInputError, match="do not fit"):
         record_walk(ATLAS, tmp_path / "walk.mcap", 1.0, hidden=MassErrors(links=("l_foot",), norm_kg=50.0))
     with pytest.raises(BadInputError, match="shorter than one physics step"):

@@ -113,7 +113,7 @@ def cramer_rao(
     order = robot.layout.to_qvel
     variance = np.concatenate([order(std[:n_v] ** 2), order(std[n_v:] ** 2)])
     recursion = SensitivityRecursion(plant.from_output(), variance)
-    loaded = walk.wrench.any(axis=2) | (not gate)
+    loaded = np.asarray(walk.wrench.any(axis=2)) | (not gate)
     for segment in walk.segments:
         recursion.restart()
         for k in range(segment.start, segment.stop - 1):

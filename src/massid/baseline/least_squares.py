@@ -93,7 +93,7 @@ def scan_cutoffs(
     for cutoff_hz in cutoffs_hz:
         try:
             fits.append(fit_masses(walk, robot, space, cutoff_hz))
-        except BadInputError as error:  # noqa: PERF203
+        except BadInputError as error:
             refusal = error
     if refusal is not None and not fits:
         raise refusal

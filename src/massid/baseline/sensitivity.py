@@ -12,9 +12,9 @@ from massid.typing import FloatArray
 class SensitivityRecursion:
     """Kalman recursion of the state estimate's derivatives by the parameters p.
 
-    The system is x_{k+1} = A_k x_k + C_k p + w_k and y_k = x_k + D p + v_k. The innovations e_k of its Kalman filter are
-    independent, with a covariance S_k that does not depend on p, so the information of y_0 .. y_n about p is exactly
-    sum (de_k/dp)^T S_k^-1 (de_k/dp). Nothing is known of x_0 but its measurement.
+    The system is x_{k+1} = A_k x_k + C_k p + w_k and y_k = x_k + D p + v_k. The innovations e_k of its Kalman filter
+    are independent, with a covariance S_k that does not depend on p, so the information of y_0 .. y_n about p is
+    exactly sum (de_k/dp)^T S_k^-1 (de_k/dp). Nothing is known of x_0 but its measurement.
 
     Attributes:
         information: what the measurements so far say about p, shape (n_p, n_p).

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Protocol, Union, cast
 
 import tyro
 
+from massid.cli.corrupt import Corrupt
 from massid.cli.demo import Demo
 from massid.cli.identify import Identify
 from massid.cli.inspect import Inspect
@@ -25,7 +26,7 @@ DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
 
 Exit codes: 0 good, 2 bad input, 3 not identifiable, 4 fell or did not converge."""
 
-COMMANDS = (Demo, Record, Identify, Inspect, Repair, View, Paper, Links)
+COMMANDS = (Demo, Record, Identify, Inspect, Repair, Corrupt, View, Paper, Links)
 INTERRUPTED = 130
 
 

@@ -11,6 +11,7 @@ import tyro
 
 from massid.cli.arguments import MassErrorList, OptionalKg
 from massid.errors import BadInputError, FallError
+from massid.noise import NoisePreset
 
 if TYPE_CHECKING:
     from massid.plant import HiddenMasses, RecordingReport
@@ -26,6 +27,7 @@ class Record:
       massid record walk.mcap
       massid record walk.mcap --robot light --seconds 30 --gait turn --seed 3
       massid record walk.mcap --mass torso=+4 l_foot=-0.5
+      massid record walk.mcap --noise realistic
     """
 
     out: tyro.conf.Positional[Path]
@@ -40,8 +42,10 @@ class Record:
     """L2 norm of mass errors in a random direction; default 6 for atlas, a quarter of the links' norm for others."""
     mass: MassErrorList = ()
     """Mass errors of your own, LINK=+KG, instead of random ones."""
+    noise: NoisePreset = "clean"
+    """Noise of the sensors; offsets and gains that were drawn go into the truth file alone."""
     seed: int = 0
-    """Seeds mass errors and gait."""
+    """Seeds mass errors, gait and sensors."""
 
     def run(self) -> int:
         """Record, and say where the files are."""
@@ -83,6 +87,7 @@ class Record:
                 self.seconds,
                 gait=self.gait,
                 hidden=hidden,
+                noise=self.noise,
                 seed=self.seed,
                 progress=progress,
             )

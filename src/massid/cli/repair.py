@@ -53,29 +53,13 @@ class Repair:
 
     def _rewrite(self) -> int:
         from massid.cli.console import say, warn
-        from massid.log import WalkWriter, load_topics, read_walk
+        from massid.log import load_topics, read_walk, write_walk
 
         if self.out.exists() and self.source.exists() and self.out.samefile(self.source):
             raise BadInputError(f"{self.out} is the damaged file itself; give the new file another name.")
         walk = read_walk(self.source, load_topics(self.topics or ""))
-        if walk.world_wrenches:
-            raise BadInputError(
-                f"The wrenches of {', '.join(walk.world_wrenches)} are given in the world; identify takes them."
-            )
         for warning in walk.warnings:
             warn(warning)
-        kept = {key: value for key, value in walk.metadata.items() if key not in ("root_body", "timestep_s", "end")}
-        with WalkWriter(
-            self.out,
-            root_body=walk.root_body,
-            joint_names=walk.joint_names,
-            timestep_s=walk.timestep_s,
-            contact_bodies=walk.contact_bodies,
-            metadata=kept,
-        ) as writer:
-            for segment in walk.segments:
-                rows = slice(segment.start, segment.stop)
-                wrenches = {body: walk.wrench[rows, c] for c, body in enumerate(walk.contact_bodies)}
-                writer.append_block(walk.stamps_ns[rows], walk.qpos[rows], walk.qvel[rows], walk.effort[rows], wrenches)
+        write_walk(walk, self.out)
         say(f"{self.out}: {len(walk)} samples, {walk.duration_s:.2f} s in {len(walk.segments)} segments")
         return 0

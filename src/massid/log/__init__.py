@@ -2,6 +2,7 @@
 
 from massid.log.reader import read_walk
 from massid.log.repair import Repair, repair_log
+from massid.log.rewrite import write_walk
 from massid.log.summary import LogSummary, TopicSummary, summarise_log
 from massid.log.topic_file import load_topics, preset_names
 from massid.log.topics import BaseMap, ContactMap, JointMap, Source, TextField, TopicMap
@@ -27,4 +28,5 @@ __all__ = [
     "read_walk",
     "repair_log",
     "summarise_log",
+    "write_walk",
 ]

@@ -20,7 +20,8 @@ from massid.typing import AnyArray, FloatArray, IntArray
 METADATA_NAME = "massid"
 COMPLETE = "complete"
 ODOMETRY_TOPIC, JOINT_STATES_TOPIC, CONTACT_PREFIX = "/odom", "/joint_states", "/contact/"
-_RESERVED = ("root_body", "timestep_s", "end")
+RESERVED_METADATA = ("root_body", "timestep_s", "end")
+"""Keys that the recorder writes itself."""
 _NORM_TOLERANCE = 1e-6
 _LAST_STAMP = (1 << 31) * NANOSECONDS  # ROS counts seconds in an int32
 _XYZ = ("x", "y", "z")
@@ -296,7 +297,7 @@ def _checked_metadata(metadata: Mapping[str, str], root_body: str, timestep_s: f
     for key, value in metadata.items():
         if not (isinstance(key, str) and isinstance(value, str)):
             raise LogError(f"{path}: metadata must be text, but {key!r} is {value!r}.")
-        if key in _RESERVED:
+        if key in RESERVED_METADATA:
             raise LogError(f"{path}: the metadata key '{key}' is written by the recorder itself.")
     if not timestep_s > 0.0:
         raise LogError(f"{path}: the timestep is {timestep_s} s, expected more than 0.")

@@ -42,6 +42,15 @@ def write_truth(
         "seed": seed,
         **(details or {}),
     }
+    save_truth(path, document)
+
+
+def save_truth(path: Path, document: Mapping[str, Any]) -> None:
+    """Write a truth document.
+
+    Raises:
+        BadInputError: the file cannot be written.
+    """
     try:
         path.write_text(json.dumps(document, indent=2) + "\n")
     except OSError as error:

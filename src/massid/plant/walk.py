@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import dm_env
 import numpy as np
 
+from massid.noise import NoisePreset
+from massid.plant.corruption import check_noise, corrupt_log
 from massid.plant.embodiment import motorised
 from massid.plant.environment import PlantOptions, make_environment
 from massid.plant.masses import HiddenMasses, MassErrors
@@ -80,13 +82,15 @@ def record_walk(
     *,
     gait: Gait | str = "random",
     hidden: HiddenMasses | MassErrors | None = None,
+    noise: NoisePreset = "clean",
     seed: int = 0,
     progress: Progress | None = None,
 ) -> RecordingReport:
     """Let a robot with hidden mass errors walk, and log it.
 
     The walker knows the nominal masses only. A robot that falls leaves a log that ends there and says so. The same seed
-    gives the same walk, and the same mass errors at whatever gait.
+    gives the same walk, and the same mass errors at whatever gait and sensor noise. A noisy log is what `corrupt_log`
+    makes of the clean one, which is kept in a hidden file as long as the robot walks.
 
     Args:
         source: a robot with nominal masses, or its model file.
@@ -94,14 +98,43 @@ def record_walk(
         duration_s: how long to walk [s].
         gait: how to walk, or a gait's name.
         hidden: the mass errors, or how to draw them; None draws `MassErrors()`.
-        seed: of mass errors and gait.
+        noise: of the sensors: clean, white, realistic or harsh; the walker senses without noise.
+        seed: of mass errors, gait and sensors.
         progress: told where the recording stands.
 
     Raises:
         ModelError: the robot cannot be simulated or cannot walk, or lacks a link that was named.
-        BadInputError: no such gait, impossible mass errors, or too short a duration.
+        BadInputError: no such gait or sensor noise, impossible mass errors, or too short a duration.
         LogError: the log cannot be written.
     """
+    path = Path(path)
+    if noise == "clean":
+        return _record_clean(source, path, duration_s, gait, hidden, seed, progress)
+    check_noise(noise)
+    clean = path.with_name(f".{path.stem}.clean.mcap")
+    leftovers = (clean, truth_path(clean))
+    try:
+        report = _record_clean(source, clean, duration_s, gait, hidden, seed, progress)
+    finally:
+        try:
+            if clean.exists():  # an interrupted recording, too
+                corrupt_log(clean, path, noise, seed)
+        finally:
+            for leftover in leftovers:
+                leftover.unlink(missing_ok=True)
+    return replace(report, path=path, truth_path=truth_path(path))
+
+
+def _record_clean(
+    source: Robot | str | Path,
+    path: Path,
+    duration_s: float,
+    gait: Gait | str,
+    hidden: HiddenMasses | MassErrors | None,
+    seed: int,
+    progress: Progress | None,
+) -> RecordingReport:
+    """Record without noise."""
     gait = find_gait(gait) if isinstance(gait, str) else gait
     robot = source if isinstance(source, Robot) else Robot.load(source)
     masses_rng, gait_rng = np.random.default_rng(seed).spawn(2)
@@ -112,7 +145,6 @@ def record_walk(
     environment = make_environment(
         robot, masses, initial_qpos=walker.initial_qpos(), options=PlantOptions(feet=walker.foot_names)
     )
-    path = Path(path)
     before, end = _identity(path), INTERRUPTED
     try:
         recording = record(

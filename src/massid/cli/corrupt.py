@@ -1,0 +1,47 @@
+"""massid corrupt: what noisy sensors would have logged."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+from massid.errors import BadInputError
+from massid.noise import NoisePreset
+
+
+@dataclass(frozen=True)
+class Corrupt:
+    """Give a log without noise the sensors of a real robot.
+
+    Offsets and gains that were drawn, and their seed, go into the truth file beside the new log, together with what the
+    clean log's truth file says; the log itself does not show them.
+
+    Examples:
+      massid corrupt walk.mcap noisy.mcap
+      massid corrupt walk.mcap noisy.mcap --noise white --seed 7
+    """
+
+    source: tyro.conf.Positional[Path]
+    """Log without noise."""
+    out: tyro.conf.Positional[Path]
+    """Log to write, NAME.mcap."""
+    noise: NoisePreset = "realistic"
+    """white: white noise on every channel; realistic: with offsets and gains; harsh: twice that."""
+    seed: int = 0
+    """Seeds offsets, gains and white noise."""
+
+    def run(self) -> int:
+        """Write the noisy log, and say where the files are."""
+        from massid.cli.console import say, warn
+        from massid.plant import corrupt_log
+
+        if not self.out.resolve().parent.is_dir():
+            raise BadInputError(f"Cannot write {self.out}: the folder {self.out.parent} does not exist.")
+        written = corrupt_log(self.source, self.out, self.noise, self.seed)
+        for warning in written.walk.warnings:
+            warn(warning)
+        say(f"log: {written.path} ({written.walk.duration_s:.1f} s, {len(written.walk)} samples)")
+        say(f"truth: {written.truth_path}")
+        return 0

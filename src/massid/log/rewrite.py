@@ -1,0 +1,44 @@
+"""Write a walk that was read, or changed, as massid records it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from massid.errors import LogError
+from massid.log.walk import Walk
+from massid.log.writer import COMPLETE, RESERVED_METADATA, WalkWriter
+
+
+def write_walk(walk: Walk, path: Path | str, metadata: Mapping[str, str] | None = None) -> Path:
+    """Write a walk to a new log. Gaps stay gaps, and how the recording ended is kept.
+
+    Args:
+        walk: with its wrenches in the bodies' frames.
+        path: the log to write, NAME.mcap; replaced if it exists.
+        metadata: what to say differently from the walk's own metadata.
+
+    Raises:
+        LogError: wrenches are given in the world, or the log cannot be written.
+    """
+    if walk.world_wrenches:
+        raise LogError(
+            f"The wrenches of {', '.join(walk.world_wrenches)} are given in the world; identify takes them, but a log "
+            "of massid holds them in their bodies."
+        )
+    said = {**walk.metadata, **(metadata or {})}
+    with WalkWriter(
+        path,
+        root_body=walk.root_body,
+        joint_names=walk.joint_names,
+        timestep_s=walk.timestep_s,
+        contact_bodies=walk.contact_bodies,
+        metadata={key: value for key, value in said.items() if key not in RESERVED_METADATA},
+    ) as writer:
+        for segment in walk.segments:
+            rows = slice(segment.start, segment.stop)
+            wrenches = {body: walk.wrench[rows, c] for c, body in enumerate(walk.contact_bodies)}
+            writer.append_block(walk.stamps_ns[rows], walk.qpos[rows], walk.qvel[rows], walk.effort[rows], wrenches)
+        if said.get("end", COMPLETE) != COMPLETE:
+            writer.end_because(said["end"])
+    return writer.path
