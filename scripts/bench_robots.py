@@ -27,6 +27,7 @@ from massid.parameters import ParameterSpace
 from massid.plant import MassErrors
 from massid.robot import Robot
 from massid.typing import FloatArray
+from robot_harness import Harness, hang, marching_control, plan_march
 from robot_lab import Recorded, simulate, walking_control, wriggling_control, write_ros2
 from robot_traits import TRAITS, atlas_with, stepping_humanoid, suite_robot
 
@@ -56,7 +57,7 @@ class Outcome:
 
     name: str
     motion: str
-    landings: int
+    landings: tuple[int, ...]
     bodies_in_contact: int
     self_contact: int
     before_kg: float
@@ -97,6 +98,15 @@ def wriggle(
     return simulate(robot, space, truth, control, start, bench.seconds), "wriggled on the floor", space, truth
 
 
+def march(robot: Robot, feet: tuple[str, str], bench: Bench) -> tuple[Recorded, str, ParameterSpace, FloatArray]:
+    """Let a robot march on the spot in an instrumented harness, with its own motors."""
+    space, truth = draw(robot, bench.seed)
+    plan = plan_march(robot, feet)
+    control, start = marching_control(robot, plan, bench.seed), hang(robot, plan, feet)
+    recorded = simulate(robot, space, truth, control, start, bench.seconds, feet, support=Harness(robot))
+    return recorded, "marched in a harness", space, truth
+
+
 def identify(
     name: str, recorded: Recorded, motion: str, space: ParameterSpace, truth: FloatArray, bench: Bench
 ) -> Outcome:
@@ -125,6 +135,8 @@ def cases(bench: Bench) -> dict[str, Callable[[], tuple[Recorded, str, Parameter
             atlas_with(trait, (bench.folder / "models" / trait.replace(" ", "_")).resolve()), bench
         )
     found["suite humanoid, steps"] = lambda: walk(stepping_humanoid()[0], bench, stepping_humanoid()[1])
+    for name, feet in (("humanoid", ("left_foot", "right_foot")), ("humanoid_CMU", ("lfoot", "rfoot"))):
+        found[f"suite {name}, harness"] = lambda name=name, feet=feet: march(suite_robot(name), feet, bench)
     for name in ("humanoid", "humanoid_CMU"):
         found[f"suite {name}, floor"] = lambda name=name: wriggle(suite_robot(name), bench)
     return found
@@ -145,8 +157,8 @@ def main(bench: Bench) -> None:
             continue
         outcomes.append(outcome)
         console.print(
-            f"{name}: {motion}, {outcome.landings} landings, {outcome.before_kg:.3f} -> {outcome.after_kg:.2e} kg in "
-            f"{outcome.windows} windows ({time.perf_counter() - started:.0f} s) {list(outcome.warnings)}",
+            f"{name}: {motion}, {outcome.landings} landings by foot, {outcome.before_kg:.3f} -> {outcome.after_kg:.2e} "
+            f"kg in {outcome.windows} windows ({time.perf_counter() - started:.0f} s) {list(outcome.warnings)}",
             markup=False,
         )
     table = Table(

@@ -25,9 +25,14 @@ from massid.walking import Walker, find_gait
 
 START_NS = 1_767_225_600_000_000_000
 BLOCK = 200
+LEAST_FLIGHT_S = 0.1
+LANDED = 0.15
+"""A foot has landed when it bears this share of the weight after being in the air for that long."""
 
 Control: TypeAlias = Callable[[float, FloatArray, FloatArray, FloatArray], FloatArray]
 """Joint torques, in the order of the robot's joints, from time, qpos, qvel and foot loads."""
+Support: TypeAlias = Callable[[mujoco.MjModel, mujoco.MjData, float], FloatArray]
+"""Applies a wrench to the base over the next step, given the feet's load; returns it in the base's frame, about it."""
 
 
 @dataclass
@@ -40,7 +45,7 @@ class Recorded:
     effort: FloatArray
     wrenches: dict[str, FloatArray]
     self_contact_samples: int
-    landings: int
+    landings: tuple[int, ...]
     fell: bool
 
     @property
@@ -109,9 +114,12 @@ def on_floor(robot: Robot, space: ParameterSpace, truth: FloatArray) -> mujoco.M
 
 def simulate(
     robot: Robot, space: ParameterSpace, truth: FloatArray, control: Control, start: FloatArray, seconds: float,
-    feet: Sequence[str] = (), period_s: float = 0.002, fallen: float = 0.6,
+    feet: Sequence[str] = (), period_s: float = 0.002, fallen: float = 0.6, support: Support | None = None,
 ) -> Recorded:  # fmt: skip
-    """Simulate with whatever actuators the robot has: motors get torques, servos a target that gives the torque."""
+    """Simulate with whatever actuators the robot has: motors get torques, servos a target that gives the torque.
+
+    A support pulls at the base as a harness does; its wrench is logged as that of the base.
+    """
     model = on_floor(robot, space, truth)
     data = mujoco.MjData(model)
     data.qpos[:] = start
@@ -127,13 +135,17 @@ def simulate(
     qpos, qvel = np.zeros((n, model.nq)), np.zeros((n, model.nv))
     effort = np.zeros((n, len(robot.joint_names)))
     wrenches: dict[str, FloatArray] = {}
-    self_contact, landings, was_loaded, loads, fell = 0, 0, np.zeros(len(feet), bool), np.zeros(len(feet)), False
+    pulled = np.zeros((n, 6))
+    self_contact, fell, loads, aloft = 0, False, np.zeros(len(feet)), np.zeros(len(feet), dtype=np.int64)
+    lifted, landings = np.zeros(len(feet), dtype=bool), np.zeros(len(feet), dtype=np.int64)
     for k in range(n):
         if k % every == 0:
             torques = control(data.time, data.qpos, data.qvel, loads)[actuated]
             data.ctrl[:] = _controls(model, data, robot, actuated, torques)
         qpos[k], qvel[k] = data.qpos, data.qvel
         meter.before(data)
+        if support is not None:
+            pulled[k] = support(model, data, float(loads.sum()))
         if stages:
             instant.qpos[:], instant.qvel[:], instant.ctrl[:] = data.qpos, data.qvel, data.ctrl
             mujoco.mj_forward(model, instant)
@@ -141,9 +153,11 @@ def simulate(
         effort[k] = meter.after(instant)[robot.layout.joint_dof]
         contacts.take(k % BLOCK, instant)
         loads = cells.read(instant)
-        loaded = loads > 0.3 * robot.total_mass_kg * 9.81
-        landings += int((loaded & ~was_loaded).sum())
-        was_loaded = np.where(loads > 1.0, was_loaded | loaded, False)
+        aloft = np.where(loads > 1.0, 0, aloft + 1)
+        lifted |= aloft * model.opt.timestep >= LEAST_FLIGHT_S
+        landed = lifted & (loads > LANDED * robot.total_mass_kg * 9.81)
+        landings += landed
+        lifted &= ~landed
         fell = fell or bool(data.qpos[2] < fallen * start[2])
         if (k + 1) % BLOCK == 0 or k + 1 == n:
             size = k % BLOCK + 1
@@ -151,7 +165,9 @@ def simulate(
             self_contact += int(acted.self_contact.sum())
             for body, values in acted.wrench.items():
                 wrenches.setdefault(body, np.zeros((n, 6)))[k + 1 - size : k + 1] = values
-    return Recorded(robot, qpos, qvel, effort, wrenches, self_contact, landings, fell)
+    if support is not None:
+        wrenches[robot.root_body] = wrenches.get(robot.root_body, 0.0) + pulled
+    return Recorded(robot, qpos, qvel, effort, wrenches, self_contact, tuple(landings.tolist()), fell)
 
 
 def _controls(
