@@ -11,6 +11,7 @@ import pytest
 
 from massid.audit import audit_walk
 from massid.audit.balance import measure_balance
+from massid.audit.kinematics import check_kinematics
 from massid.audit.lag import estimate_lag
 from massid.audit.self_contact import without_samples
 from massid.log import Segment, Walk
