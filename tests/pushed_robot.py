@@ -73,13 +73,20 @@ def draw_truth(space: ParameterSpace, seed: int, relative_error: float = 0.15) -
 
 
 def push_about(
-    robot: Robot, space: ParameterSpace, truth: FloatArray, seconds: float, seed: int = 0, amplitude: float = 0.08,
+    robot: Robot,
+    space: ParameterSpace,
+    truth: FloatArray,
+    seconds: float,
+    seed: int = 0,
+    amplitude: float = 0.08,
     shaking_nm: float = 0.0,
-) -> Walk:  # fmt: skip
+    floor: bool = True,
+) -> Walk:
     """Simulate the robot with its true masses on a floor and log states, torques and foot wrenches."""
     rng = np.random.default_rng(seed)
     spec = robot.spec.copy()
-    spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1], contype=1, conaffinity=0)
+    if floor:
+        spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1], contype=1, conaffinity=0)
     model = spec.compile()
     write_fields(model, robot.realise(space, truth))
     data = mujoco.MjData(model)
@@ -109,6 +116,11 @@ def push_about(
         timestep_s=0.001,
         **arrays,
     )
+
+
+def fly_about(robot: Robot, space: ParameterSpace, truth: FloatArray, seconds: float, amplitude: float = 0.08) -> Walk:
+    """The same robot with its legs in motion, but without a floor: it falls."""
+    return push_about(robot, space, truth, seconds, amplitude=amplitude, floor=False)
 
 
 def _wrench(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> FloatArray:

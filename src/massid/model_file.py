@@ -16,13 +16,14 @@ MASS_ROUNDING = 2e-5
 """MJCF text keeps six digits; a mass that comes from geoms is made of several such numbers."""
 
 
-def save_model(spec: mujoco.MjSpec, path: Path, body_mass: FloatArray) -> None:
+def save_model(spec: mujoco.MjSpec, path: Path, body_mass: FloatArray, remark: str = "") -> None:
     """Write a spec as an MJCF file that loads from where it lies, and check that it does.
 
     Args:
         spec: changed: its asset folders become those of the new file.
         path: where to write; replaced if it exists, left alone if the check fails.
         body_mass: masses that the bodies must have when the file is read back [kg], shape (nbody,).
+        remark: a comment at the top; "" for none.
 
     Raises:
         ModelError: the file cannot be written, cannot be read back, or has other masses.
@@ -30,7 +31,8 @@ def save_model(spec: mujoco.MjSpec, path: Path, body_mass: FloatArray) -> None:
     folder = path.resolve().parent
     draft = folder / f".{path.name}.partial"
     try:
-        draft.write_text(_text(spec, folder))
+        comment = f"<!-- massid: {remark.replace('--', '- -')} -->\n" if remark else ""
+        draft.write_text(comment + _text(spec, folder))
         for name, content in spec.assets.items():
             asset = folder / name
             if not asset.exists():

@@ -353,11 +353,17 @@ class Robot:
         wrench = wrenches_in_bodies(self.model, qpos, walk.wrench, walk.contact_bodies, walk.world_wrenches)
         return replace(walk, wrench=wrench, world_wrenches=())
 
-    def write_mjcf(self, space: ParameterSpace, point: FloatArray, path: Path) -> None:
+    def write_mjcf(self, space: ParameterSpace, point: FloatArray, path: Path, remark: str = "") -> None:
         """Save the model with the parameters of one point in its masses and inertias.
 
         Works whether inertia was given or came from geoms. Include files become part of the new file; meshes and
         textures stay where they are, and the new file says where that is. It is read back before it gets its name.
+
+        Args:
+            space: what each coordinate means.
+            point: shape (n_p,).
+            path: the file.
+            remark: a comment at its top; "" for none.
 
         Raises:
             ModelError: the file cannot be written, or does not give the same robot.
@@ -381,7 +387,7 @@ class Robot:
             body.iquat = self.model.body_iquat[body_id]
             body.inertia = fields["body_inertia"][0, body_id]
             body.fullinertia = np.full(6, np.nan)
-        save_model(spec, path, fields["body_mass"][0])
+        save_model(spec, path, fields["body_mass"][0], remark)
 
 
 def write_fields(model: mujoco.MjModel, realisation: Realisation, index: int = 0) -> None:

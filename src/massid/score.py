@@ -83,7 +83,8 @@ def score(result: Result, truth: Truth) -> Score:
 def with_score(document: dict[str, Any], scored: Score) -> dict[str, Any]:
     """Add true masses and errors to a result's JSON document."""
     links = {
-        link: entry | {"true_kg": scored.true_kg[link], "error_kg": scored.error_kg[link]}
+        link: entry
+        | {"true_kg": scored.true_kg[link], "error_kg": scored.error_kg[link] if entry["identifiable"] else None}
         for link, entry in document["links"].items()
     }
     iterations = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -13,9 +13,14 @@ from massid.assets import find_model_by_hash, resolve_model
 from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics
 from massid.errors import BadInputError, LogError
 from massid.identify.options import IdentifyOptions
-from massid.identify.result import Result, Status
+from massid.identify.result import Status
 from massid.log.walk import Walk
 from massid.robot import Robot
+
+if TYPE_CHECKING:
+    from massid.audit import Audit
+    from massid.identify import Result
+    from massid.score import Score
 
 EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVERGED: 4}
 
@@ -58,9 +63,9 @@ class Identify:
         from massid.audit import prepare_walks
         from massid.cli.console import print_result, progress_bar, say, warn
         from massid.identify import identify_offline, identify_online
-        from massid.identify.result import write_json
+        from massid.identify.verdict import foresee
         from massid.log import TopicMap, load_topics, read_walk
-        from massid.score import Truth, score, with_score
+        from massid.score import Truth, score
 
         for path in (self.json, self.save_model, self.rerun, self.png):
             if path is not None and not path.parent.is_dir():
@@ -73,30 +78,49 @@ class Identify:
         complete = Robot.load(self._model_path(read))
         prepared = prepare_walks(self.logs, complete, topics, read)
         walks, robot = [one.walk for one in prepared], prepared[0].robot
-        options = self.options
-        if options.noise == "auto" and all(one.audit.clean for one in prepared):
-            options = replace(options, noise="clean")
+        options = options_for(self.options, [one.audit for one in prepared])
         known = [warning for walk in walks for warning in walk.warnings]
         for warning in known:
             warn(warning)
         space = robot.mass_space(self._links(robot))
+        with progress_bar("judging") as progress:
+            verdict = foresee(walks, robot, space, options, progress)
+        if not verdict.hidden:
+            say(f"verdict: {verdict.lines()[0]}\n")
         identify = identify_online if self.mode == "online" else identify_offline
         with progress_bar("identifying") as progress:
-            result = identify(walks, robot, space, options, progress)
+            result = identify(walks, robot, space, options, progress).judged(verdict)
         scored = score(result, truth) if truth else None
         print_result(result, scored)
         for warning in result.warnings[len(known) :]:
             warn(warning)
-        if result.status is Status.NOT_IDENTIFIABLE:
-            warn(self._hidden(result))
+        if result.hidden_links:
+            what = "this log does" if len(walks) == 1 else "these logs do"
+            warn(f"{what} not reveal {', '.join(result.hidden_links)}")
+            for line in verdict.lines():
+                warn(line)
+        self._write(result, scored, walks, robot, complete)
+        return EXIT_CODES[result.status]
+
+    def _write(
+        self, result: Result, scored: Score | None, walks: Sequence[Walk], robot: Robot, complete: Robot
+    ) -> None:
+        """Write the files that were asked for, and say where they are."""
+        from massid.cli.console import say
+        from massid.identify.result import write_json
+        from massid.score import with_score
+
         shows = f", the motion is that of {walks[0].source}" if len(walks) > 1 else ""
         document = result.to_json()
         if self.json:
             write_json(with_score(document, scored) if scored else document, self.json)
             say(f"result: {self.json}")
         if self.save_model:
-            complete.write_mjcf(space, result.estimate, self.save_model)
-            say(f"model: {self.save_model}")
+            kept = (
+                f"{', '.join(result.hidden_links)}: not identifiable, nominal mass kept" if result.hidden_links else ""
+            )
+            complete.write_mjcf(result.space, result.reported, self.save_model, remark=kept)
+            say(f"model: {self.save_model}" + (f" ({kept})" if kept else ""))
         if self.rerun:
             from massid.view import write_recording
 
@@ -107,7 +131,6 @@ class Identify:
 
             write_summary_png(self.png, walks[0], robot, result, scored)
             say(f"picture: {self.png}{shows}")
-        return EXIT_CODES[result.status]
 
     def _model_path(self, walks: Sequence[Walk]) -> Path:
         if self.model is not None:
@@ -137,13 +160,8 @@ class Identify:
             )
         return list(links)
 
-    @staticmethod
-    def _hidden(result: Result) -> str:
-        rows = zip(
-            result.space.parameters, result.excitation.identifiable, result.excitation.reference_std, strict=True
-        )
-        hidden = ", ".join(f"{parameter.target} (+-{std:.2g} kg)" for parameter, revealed, std in rows if not revealed)
-        return (
-            f"this walk does not reveal {hidden}: with ordinary encoders the mass would not even be known to half of "
-            "its nominal value. A longer walk with more motion of these links would help."
-        )
+
+def options_for(options: IdentifyOptions, audits: Sequence[Audit]) -> IdentifyOptions:
+    """With `--noise auto`, logs that the physics explains to rounding have no noise."""
+    is_clean = options.noise == "auto" and all(audit.clean for audit in audits)
+    return replace(options, noise="clean") if is_clean else options

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from massid.cli.report_page import Page
     from massid.log import LogSummary
 
-VERDICT_S = 10.0
-"""The verdict on the links looks at no more of a log than this [s]."""
-
 
 @dataclass(frozen=True)
 class Inspect:
@@ -114,41 +111,28 @@ class Inspect:
         page.section("Warnings", list(walk.warnings) or ["none"])
 
     def _print_verdict(self, page: Page, prepared: Prepared) -> None:
-        """To what each link's mass could be known: the verdict of `massid identify` after one pass."""
-        from dataclasses import replace
-
+        """To what each link's mass could be known, and what would help: what `massid identify` says before it fits."""
         from massid.cli.console import progress_bar
-        from massid.identify import IdentifyOptions, identify_offline
+        from massid.cli.identify import options_for
+        from massid.identify import IdentifyOptions
+        from massid.identify.verdict import foresee
 
         robot, walk = prepared.robot, prepared.walk
         if self.links is not None:
             links = tuple(link.strip() for link in self.links.split(",") if link.strip())
         else:
             links = tuple(link for link in robot.links if robot.welded_to(link) is None)
-        space = robot.mass_space(links)
-        segments, budget = [], round(VERDICT_S / walk.timestep_s)
-        for segment in walk.segments:
-            if budget > 1:
-                segments.append(type(segment)(segment.start, min(segment.stop, segment.start + budget)))
-                budget -= len(segments[-1])
-        short = replace(walk, segments=tuple(segments))
-        fresh = IdentifyOptions()
-        options = replace(fresh, passes=1, bank_size=max(fresh.bank_size, len(links) + 1))
         with progress_bar("judging") as progress:
-            result = identify_offline(short, robot, space, options, progress)
-        excitation = result.excitation
+            options = options_for(IdentifyOptions(), [prepared.audit])
+            verdict = foresee(walk, robot, robot.mass_space(links), options, progress)
         rows = [
-            (
-                parameter.target,
-                f"{parameter.nominal:.3f}",
-                f"{deviation:.2g}",
-                "identifiable" if revealed else "not identifiable",
-            )
-            for parameter, deviation, revealed in zip(
-                space.parameters, excitation.reference_std, excitation.identifiable, strict=True
+            (link, f"{nominal:.3f}", f"{std:.2g}", "identifiable" if seen else "not identifiable")
+            for link, nominal, std, seen in zip(
+                verdict.links, verdict.space.nominal, verdict.std, verdict.identifiable, strict=True
             )
         ]
         page.table("Links", ("link", "nominal [kg]", "known to +- [kg]", "verdict"), rows)
+        page.section("Verdict", verdict.lines())
 
 
 def _share(value: float | None) -> str:

@@ -1,9 +1,11 @@
-"""Does the log reveal what was asked for? A verdict per parameter from the information of the windows seen.
+"""Does the log reveal what was asked for? Judged after the fit, from the information of the windows seen.
+
+Of a stream nothing can be said beforehand; of a log `verdict` says more, before anything is fitted.
 
 The sum of the windows' Gauss-Newton Hessians is the information about the parameters. Were every output read with the
 noise of ordinary joint encoders, the standard deviation of each estimate would follow from its inverse. A parameter
-whose deviation exceeds half of its nominal value is not identifiable from this log: any number for it would be made
-up, however well the noise-free equations can be solved.
+whose deviation exceeds a quarter of its nominal value is not identifiable from this log: any number for it would be
+made up, however well the noise-free equations can be solved.
 """
 
 from __future__ import annotations
@@ -17,8 +19,9 @@ from massid.typing import BoolArray, FloatArray
 
 REFERENCE_NOISE = 0.02
 """Velocity noise of an ordinary joint encoder [rad/s] per sample at 1 kHz."""
-LARGEST_DEVIATION = 0.5
-"""Relative standard deviation beyond which an estimate says nothing."""
+LARGEST_DEVIATION = 0.25
+"""Relative standard deviation beyond which a mass is not identifiable: its 95 % interval reaches from half of the
+nominal mass to half as much again."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ class Excitation:
     Attributes:
         reference_std: deviation of each parameter under the reference noise, in its unit, shape (n_p,); inf when the
             log holds nothing about it.
-        identifiable: whether that is below half of the parameter's scale, shape (n_p,).
+        identifiable: whether that is below a quarter of the parameter's scale, shape (n_p,).
         condition: ratio of the largest to the smallest eigenvalue of the information in units of the scales.
     """
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from massid.errors import BadInputError
 from massid.identify.excitation import Excitation
 from massid.identify.posterior import INTERVAL_95
+from massid.identify.verdict import Verdict
 from massid.noise import SensorNoise
 from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.search.guided import Iteration
@@ -117,6 +118,7 @@ class Result:
         windows: every update.
         excitation: what the log reveals of each parameter.
         uncertainty: covariance and nuisances; None for a log without noise.
+        verdict: what was said before the fit; None if nobody asked.
         mode: "online" or "offline".
         log_s: time covered by the logs [s].
         wall_s: time it took [s].
@@ -135,6 +137,26 @@ class Result:
     warnings: tuple[str, ...] = ()
     sources: tuple[str, ...] = ("walk",)
     uncertainty: Uncertainty | None = None
+    verdict: Verdict | None = None
+
+    def judged(self, verdict: Verdict) -> Result:
+        """The result under a verdict made before the fit: what it calls hidden is not identified, whatever came out."""
+        hidden = set(verdict.hidden)
+        seen = [p.kind is not Kind.MASS or p.target not in hidden for p in self.space.parameters]
+        excitation = replace(self.excitation, identifiable=self.excitation.identifiable & np.array(seen))
+        status = self.status if excitation.identifiable.all() else Status.NOT_IDENTIFIABLE
+        return replace(self, verdict=verdict, excitation=excitation, status=status)
+
+    @property
+    def hidden_links(self) -> tuple[str, ...]:
+        """The links whose mass the log does not reveal."""
+        rows = zip(self.space.parameters, self.excitation.identifiable, strict=True)
+        return tuple(parameter.target for parameter, seen in rows if not seen and parameter.kind is Kind.MASS)
+
+    @property
+    def reported(self) -> FloatArray:
+        """The estimate with the nominal value of what is not identifiable: what a saved model gets, shape (n_p,)."""
+        return np.where(self.excitation.identifiable, self.estimate, self.space.nominal)
 
     @property
     def estimate_kg(self) -> dict[str, float]:
@@ -159,11 +181,36 @@ class Result:
         """Standard deviation of each link's mass [kg]; empty for a log without noise."""
         return {} if self.uncertainty is None else self.masses_kg(self.uncertainty.std)
 
-    def _interval(self, link: str, value: float) -> dict[str, Any]:
+    @property
+    def together_std_kg(self) -> float | None:
+        """Standard deviation of the sum of the masses asked for [kg]; None for a log without noise."""
         if self.uncertainty is None:
+            return None
+        masses = np.array([parameter.kind is Kind.MASS for parameter in self.space.parameters], dtype=np.float64)
+        return float(np.sqrt(masses @ self.uncertainty.covariance @ masses))
+
+    def _interval(self, value: float, std: float | None) -> dict[str, Any]:
+        if std is None:
             return {}
-        std = self.std_kg[link]
         return {"std_kg": std, "interval95_kg": [value - INTERVAL_95 * std, value + INTERVAL_95 * std]}
+
+    def _link(self, link: str, value: float) -> dict[str, Any]:
+        """One link's entry; a link that is not identifiable has no estimate, only what was known before."""
+        nominal_kg = self.nominal_kg[link]
+        if link in self.hidden_links:
+            return {
+                "nominal_kg": nominal_kg,
+                "estimate_kg": None,
+                "identifiable": False,
+                "verdict": str(Status.NOT_IDENTIFIABLE),
+            }
+        entry = self._interval(value, self.std_kg.get(link))
+        return entry | {
+            "nominal_kg": nominal_kg,
+            "estimate_kg": value,
+            "identifiable": True,
+            "verdict": "identifiable",
+        }
 
     def _uncertainty(self) -> dict[str, Any] | None:
         found = self.uncertainty
@@ -187,15 +234,12 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain JSON values (schema 1), without any truth."""
-        nominal = self.nominal_kg
-        identifiable = dict(zip((p.target for p in self.space.parameters), self.excitation.identifiable, strict=True))
+        together_kg = sum(self.estimate_kg.values())
         return {
             "schema": SCHEMA,
-            "links": {
-                link: self._interval(link, value)
-                | {"nominal_kg": nominal[link], "estimate_kg": value, "identifiable": bool(identifiable[link])}
-                for link, value in self.estimate_kg.items()
-            },
+            "links": {link: self._link(link, value) for link, value in self.estimate_kg.items()},
+            "together": {"estimate_kg": together_kg} | self._interval(together_kg, self.together_std_kg),
+            "verdict": None if self.verdict is None else self.verdict.to_json(),
             "uncertainty": self._uncertainty(),
             "iterations": [
                 {

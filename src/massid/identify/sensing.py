@@ -18,6 +18,8 @@ from massid.typing import FloatArray
 
 CLEAN_VELOCITY = 1e-4
 """A log whose joint velocities have less white noise than this [rad/s] is taken for one without noise."""
+LEAST_SHARE = 0.01
+"""Least noise of a state in a log with noise, as a share of `white`."""
 _THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)
 _QUIET_QUANTILE, _QUIET_NORMAL = 0.25, 0.31864
 """The quarter of the samples that change least, and that quantile of |N(0, 1)|."""
@@ -44,7 +46,14 @@ def resolve_noise(walk: Walk, robot: Robot, options: IdentifyOptions) -> SensorN
     if noise.joint_velocity < CLEAN_VELOCITY:
         return None
     noise = replace(noise, joint_velocity=min(noise.joint_velocity, _largest_velocity_noise(robot, walk)))
-    return None if noise.joint_velocity < CLEAN_VELOCITY else noise
+    return None if noise.joint_velocity < CLEAN_VELOCITY else _floored(noise)
+
+
+def _floored(noise: SensorNoise) -> SensorNoise:
+    """No state is known exactly: a channel that is smooth in a noisy log was filtered."""
+    least = PRESETS["white"].scaled(LEAST_SHARE)
+    states = ("joint_position", "base_position", "base_orientation", "base_linear_velocity", "base_angular_velocity")
+    return replace(noise, **{name: max(getattr(noise, name), getattr(least, name)) for name in states})
 
 
 def _largest_velocity_noise(robot: Robot, walk: Walk) -> float:

@@ -1,0 +1,122 @@
+"""The verdict before the fit: standing, falling and walking logs get different and true answers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from massid.identify import IdentifyOptions, Status, identify_offline, identify_online
+from massid.identify.combinations import open_combinations
+from massid.identify.motion import Motion, observe_motion
+from massid.identify.verdict import Verdict, foresee
+from massid.log.walk import Walk
+from massid.noise import PRESETS, Sensors
+from massid.robot import Robot
+from tests.conftest import Pushed
+from tests.pushed_robot import LINKS, fly_about, make_robot, push_about
+
+LEGS = ("l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot")
+
+
+def _verdict(walk: Walk, robot: Robot, noise: str = "auto") -> Verdict:
+    return foresee(walk, robot, robot.mass_space(LINKS), IdentifyOptions(noise=noise))  # type: ignore[arg-type]
+
+
+def _measured(walk: Walk, preset: str) -> Walk:
+    rng = np.random.default_rng(0)
+    return Sensors(PRESETS[preset], walk.effort.shape[1], walk.contact_bodies, rng).measure(walk)  # type: ignore[index]
+
+
+@pytest.fixture(scope="module")
+def standing() -> Walk:
+    robot = make_robot()
+    space = robot.mass_space(LINKS)
+    return push_about(robot, space, space.nominal, seconds=1.2, amplitude=0.0)
+
+
+@pytest.mark.parametrize("preset", ["clean", "realistic"])
+def test_a_standing_robot_reveals_its_weight_but_not_its_limbs(preset: str, standing: Walk) -> None:
+    verdict = _verdict(_measured(standing, preset), make_robot(), preset)
+    assert verdict.facts.motion is Motion.STANDING
+    assert set(verdict.hidden) >= {"l_calf", "r_calf", "l_foot", "r_foot"}
+    assert "torso" not in verdict.hidden
+    together = verdict.sums[0]
+    assert together.links == LINKS
+    assert together.std_kg < 0.03 * together.nominal_kg
+    assert any("walk" in line for line in verdict.advice)
+    assert any("hip_roll" in line or "knee" in line for line in verdict.advice)
+
+
+def test_a_robot_that_falls_stiffly_reveals_nothing() -> None:
+    robot = make_robot()
+    space = robot.mass_space(LINKS)
+    walk = fly_about(robot, space, space.nominal, seconds=0.6, amplitude=0.0)
+    verdict = _verdict(walk, robot)
+    assert verdict.facts.motion is Motion.IN_THE_AIR
+    assert verdict.hidden == LINKS
+    assert not verdict.sums
+    assert "free fall" in verdict.advice[0]
+
+
+def test_a_robot_that_falls_with_swinging_legs_reveals_inertia_but_less_than_one_that_walks(pushed: Pushed) -> None:
+    walk = fly_about(pushed.robot, pushed.space, pushed.truth, seconds=1.0, amplitude=0.08)
+    falling, walking = _verdict(walk, pushed.robot), _verdict(pushed.walk, pushed.robot)
+    assert falling.facts.motion is Motion.IN_THE_AIR
+    assert walking.facts.motion is Motion.MOVING
+    assert falling.total_std_kg > 2.0 * walking.total_std_kg
+    assert falling.std[0] > 2.0 * walking.std[0]  # the torso
+
+
+def test_a_walk_reveals_all(pushed: Pushed) -> None:
+    verdict = _verdict(pushed.walk, pushed.robot)
+    assert not verdict.hidden
+    assert not verdict.advice
+    assert verdict.lines()[0].startswith("moving on the ground")
+
+
+def test_a_robot_on_a_gantry_is_told_to_log_it(pushed: Pushed) -> None:
+    hanging = replace(pushed.walk, wrench=np.zeros_like(pushed.walk.wrench))
+    verdict = _verdict(hanging, pushed.robot)
+    assert verdict.facts.motion is Motion.HELD
+    assert verdict.hidden == LINKS
+    assert "gantry" in verdict.advice[0]
+
+
+@pytest.mark.parametrize("preset", ["white", "realistic"])
+def test_what_is_foreseen_is_what_an_identification_reports(preset: str, pushed: Pushed) -> None:
+    walk = _measured(pushed.walk, preset)
+    options = IdentifyOptions(noise=preset, dwell_s=0.25, passes=4)  # type: ignore[arg-type]
+    result = identify_offline(walk, pushed.robot, pushed.space, options)
+    assert result.uncertainty is not None
+    ratio = foresee(walk, pushed.robot, pushed.space, options).std / result.uncertainty.std
+    assert np.all((ratio > 1 / 1.3) & (ratio < 1.3)), ratio
+
+
+def test_a_hidden_link_has_no_estimate(standing: Walk) -> None:
+    robot = make_robot()
+    space = robot.mass_space(LINKS)
+    result = identify_online(standing, robot, space, IdentifyOptions(dwell_s=0.25))
+    result = result.judged(_verdict(standing, robot))
+    assert result.status is Status.NOT_IDENTIFIABLE
+    links = result.to_json()["links"]
+    assert links["l_calf"]["estimate_kg"] is None
+    assert links["l_calf"]["verdict"] == "not identifiable"
+    assert links["torso"]["verdict"] == "identifiable"
+    hidden = ~result.excitation.identifiable
+    np.testing.assert_array_equal(result.reported[hidden], space.nominal[hidden])
+
+
+def test_noise_does_not_make_a_standing_robot_move(standing: Walk) -> None:
+    assert observe_motion(make_robot(), _measured(standing, "realistic")).motion is Motion.STANDING
+
+
+def test_combinations_are_named_by_few_links() -> None:
+    """Left and right trades of the same width: any rotation of them is an eigenvector, the sparse one is named."""
+    trades = np.zeros((4, 2))
+    trades[:2, 0] = trades[2:, 1] = np.array([1.0, -1.0]) / np.sqrt(2.0)
+    mixed = trades @ np.array([[np.cos(0.6), -np.sin(0.6)], [np.sin(0.6), np.cos(0.6)]])
+    covariance = mixed @ mixed.T + 1e-4 * np.eye(4)
+    found = open_combinations(["a", "b", "c", "d"], covariance, limit=0.25)
+    assert sorted(one.text for one in found) == ["a against b", "c against d"]
