@@ -76,5 +76,8 @@ def print_result(result: Result, scored: Score | None) -> None:
     unit = "dwell windows" if result.mode == "online" else "passes over the log"
     speed = f"{result.log_s:.1f} s of walking in {result.wall_s:.1f} s"
     say(f"\n{result.status} after {len(result.windows)} {unit} ({speed})")
+    if result.validation is not None:
+        for line in result.validation.lines():
+            say(line)
     if scored:
         say(f"L2 mass error: {scored.l2_error_initial_kg:.3g} kg before, {scored.l2_error_kg[-1]:.2g} kg after")

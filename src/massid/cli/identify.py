@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
@@ -20,6 +20,7 @@ from massid.robot import Robot
 if TYPE_CHECKING:
     from massid.audit import Audit
     from massid.identify import Result
+    from massid.identify.validation import Split
     from massid.score import Score
 
 EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVERGED: 4}
@@ -56,6 +57,8 @@ class Identify:
     """Write a Rerun recording of the walk and of the search."""
     png: OptionalFile = None
     """Write a picture that sums up the search."""
+    held_out: float = 0.2
+    """Share at the end of each log that is not fitted: its joint torques are predicted instead; 0 fits everything."""
     options: IdentifyOptions = field(default_factory=IdentifyOptions)
 
     def run(self) -> int:
@@ -63,6 +66,7 @@ class Identify:
         from massid.audit import prepare_walks
         from massid.cli.console import print_result, progress_bar, say, warn
         from massid.identify import identify_offline, identify_online
+        from massid.identify.validation import hold_out, validate
         from massid.identify.verdict import foresee
         from massid.log import TopicMap, load_topics, read_walk
         from massid.score import Truth, score
@@ -83,13 +87,18 @@ class Identify:
         for warning in known:
             warn(warning)
         space = robot.mass_space(self._links(robot))
+        if not 0.0 <= self.held_out < 1.0:
+            raise BadInputError(f"--held-out is {self.held_out}; it must be at least 0 and less than 1.")
+        parts = [hold_out(walk, self.held_out) for walk in walks]
+        fitted, held = [part.fitted for part in parts], [part.held for part in parts]
         with progress_bar("judging") as progress:
-            verdict = foresee(walks, robot, space, options, progress)
+            verdict = foresee(fitted, robot, space, options, progress)
         if not verdict.hidden:
             say(f"verdict: {verdict.lines()[0]}\n")
         identify = identify_online if self.mode == "online" else identify_offline
         with progress_bar("identifying") as progress:
-            result = identify(walks, robot, space, options, progress).judged(verdict)
+            result = identify(fitted, robot, space, options, progress).judged(verdict)
+        result = result.checked(validate(result, walks, held, robot))
         scored = score(result, truth) if truth else None
         print_result(result, scored)
         for warning in result.warnings[len(known) :]:
@@ -99,6 +108,8 @@ class Identify:
             warn(f"{what} not reveal {', '.join(result.hidden_links)}")
             for line in verdict.lines():
                 warn(line)
+        if self.json:
+            self._write_json(result, scored, parts[0], robot, options)
         self._write(result, scored, walks, robot, complete)
         return EXIT_CODES[result.status]
 
@@ -107,14 +118,8 @@ class Identify:
     ) -> None:
         """Write the files that were asked for, and say where they are."""
         from massid.cli.console import say
-        from massid.identify.result import write_json
-        from massid.score import with_score
 
         shows = f", the motion is that of {walks[0].source}" if len(walks) > 1 else ""
-        document = result.to_json()
-        if self.json:
-            write_json(with_score(document, scored) if scored else document, self.json)
-            say(f"result: {self.json}")
         if self.save_model:
             kept = (
                 f"{', '.join(result.hidden_links)}: not identifiable, nominal mass kept" if result.hidden_links else ""
@@ -131,6 +136,25 @@ class Identify:
 
             write_summary_png(self.png, walks[0], robot, result, scored)
             say(f"picture: {self.png}{shows}")
+
+    def _write_json(
+        self, result: Result, scored: Score | None, part: Split, robot: Robot, options: IdentifyOptions
+    ) -> None:
+        """Write the result document and its sidecar, with the reference method beside it."""
+        from massid.cli.console import say
+        from massid.identify.residuals import channel_residuals
+        from massid.identify.result import write_json
+        from massid.identify.sidecar import sidecar_path, write_sidecar
+        from massid.score import with_score
+
+        if self.json is None:
+            return
+        document = result.to_json() | {"reference": reference_fit(result, part.fitted, robot)}
+        write_sidecar(
+            sidecar_path(self.json), result, channel_residuals(result, part.held or part.fitted, robot, options)
+        )
+        write_json(with_score(document, scored) if scored else document, self.json)
+        say(f"result: {self.json} (massid report {self.json})")
 
     def _model_path(self, walks: Sequence[Walk]) -> Path:
         if self.model is not None:
@@ -159,6 +183,25 @@ class Identify:
                 f"with --links. It has: {', '.join(robot.links)}."
             )
         return list(links)
+
+
+def reference_fit(result: Result, walk: Walk, robot: Robot) -> dict[str, Any] | None:
+    """Filtered inverse-dynamics least squares on the same log with the same unknowns; None if the log is too short."""
+    from massid.baseline import CUTOFFS_HZ, scan_cutoffs, self_chosen
+
+    space, _ = result.unknowns()
+    cutoffs = [cutoff_hz for cutoff_hz in CUTOFFS_HZ if cutoff_hz < 0.25 / walk.timestep_s]
+    try:
+        fit = self_chosen(scan_cutoffs(walk, robot, space, cutoffs))
+    except BadInputError:
+        return None
+    asked = len(result.space)
+    return {
+        "method": "filtered inverse-dynamics least squares",
+        "cutoff_hz": fit.cutoff_hz,
+        "estimate_kg": result.masses_kg(fit.estimate[:asked]),
+        "std_kg": result.masses_kg(fit.std[:asked]),
+    }
 
 
 def options_for(options: IdentifyOptions, audits: Sequence[Audit]) -> IdentifyOptions:

@@ -11,7 +11,7 @@ from massid.identify.excitation import assess_excitation, from_deviations
 from massid.identify.posterior import posterior
 from massid.identify.result import Result, Status, Uncertainty, WindowResult
 from massid.noise import SensorNoise
-from massid.parameters import ParameterSpace
+from massid.parameters import Kind, ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 
@@ -130,11 +130,13 @@ def _misfit(findings: Findings) -> tuple[str, ...]:
 def _uncertainty(findings: Findings, noise: SensorNoise) -> Uncertainty:
     asked = findings.space.n_sampled
     found = posterior(findings.space, findings.information, findings.windows)
+    masses = np.array([parameter.kind is Kind.MASS for parameter in findings.space.parameters], dtype=np.float64)
     return Uncertainty(
         noise=noise,
         covariance=found.covariance[:asked, :asked],
         inflation=found.inflation,
         chi2_per_sample=findings.last.value / findings.last.samples,
+        total_std_kg=float(np.sqrt(masses @ found.covariance @ masses)),
         nuisances=findings.space.tangents,
         nuisance_estimate=findings.estimate[asked:],
         nuisance_std=found.std[asked:],

@@ -67,10 +67,7 @@ def observe_motion(robot: Robot, walk: Walk) -> MotionFacts:
     named = dict(zip(robot.joint_names, excursion.tolist(), strict=True))
     gravity = robot.model.opt.gravity
     size = float(np.linalg.norm(gravity))
-    # Means over short blocks, so that the noise of unloaded force sensors does not add up to a weight.
-    force = _blockwise(walk.wrench[inside, :, :3].reshape(len(inside), -1), width).reshape(-1, 3)
-    carried = float(np.linalg.norm(force, axis=1).mean()) * len(walk.contact_bodies)
-    if size == 0.0 or carried > _CARRIED * robot.total_mass_kg * size:
+    if size == 0.0 or is_carried(robot, walk):
         still = float(np.median(excursion)) < _STILL_RAD if len(excursion) else True
         return MotionFacts(Motion.STANDING if still else Motion.MOVING, named)
     gained, time_s = np.zeros(3), 0.0
@@ -81,6 +78,16 @@ def observe_motion(robot: Robot, walk: Walk) -> MotionFacts:
         time_s += (len(segment) - edge) * walk.timestep_s
     falls = float(gained @ gravity) / (size * time_s) > _FALLING * size
     return MotionFacts(Motion.IN_THE_AIR if falls else Motion.HELD, named)
+
+
+def is_carried(robot: Robot, walk: Walk) -> bool:
+    """Whether measured contacts carry the robot."""
+    inside = np.concatenate([np.arange(segment.start, segment.stop) for segment in walk.segments])
+    width = max(1, round(_SMOOTHING_S / walk.timestep_s))
+    # Means over short blocks, so that the noise of unloaded force sensors does not add up to a weight.
+    force = _blockwise(walk.wrench[inside, :, :3].reshape(len(inside), -1), width).reshape(-1, 3)
+    carried = float(np.linalg.norm(force, axis=1).mean()) * len(walk.contact_bodies)
+    return carried > _CARRIED * robot.total_mass_kg * float(np.linalg.norm(robot.model.opt.gravity))
 
 
 def neighbouring_joints(robot: Robot, links: Sequence[str], among: Sequence[str]) -> tuple[str, ...]:

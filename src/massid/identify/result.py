@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from massid.errors import BadInputError
+from massid.identify.checks import Validation
 from massid.identify.excitation import Excitation
 from massid.identify.posterior import INTERVAL_95
 from massid.identify.verdict import Verdict
@@ -88,6 +89,7 @@ class Uncertainty:
         covariance: shape (n_p, n_p), in the parameters' units.
         inflation: factor in it by which the windows' scores scatter more than the noise explains.
         chi2_per_sample: mean square of the whitened innovations; near 1 if the model explains the log.
+        total_std_kg: standard deviation of all masses of the robot together [kg].
         nuisances: what else was estimated.
         nuisance_estimate: shape (n_nuisances,).
         nuisance_std: shape (n_nuisances,).
@@ -97,6 +99,7 @@ class Uncertainty:
     covariance: FloatArray
     inflation: float
     chi2_per_sample: float
+    total_std_kg: float
     nuisances: tuple[Parameter, ...]
     nuisance_estimate: FloatArray
     nuisance_std: FloatArray
@@ -119,6 +122,7 @@ class Result:
         excitation: what the log reveals of each parameter.
         uncertainty: covariance and nuisances; None for a log without noise.
         verdict: what was said before the fit; None if nobody asked.
+        validation: checks against the log itself; None if nobody asked.
         mode: "online" or "offline".
         log_s: time covered by the logs [s].
         wall_s: time it took [s].
@@ -138,6 +142,23 @@ class Result:
     sources: tuple[str, ...] = ("walk",)
     uncertainty: Uncertainty | None = None
     verdict: Verdict | None = None
+    validation: Validation | None = None
+
+    def checked(self, validation: Validation) -> Result:
+        """The result with the checks against its log, and their warnings."""
+        return replace(self, validation=validation, warnings=self.warnings + validation.warnings())
+
+    def unknowns(self) -> tuple[ParameterSpace, FloatArray]:
+        """Everything that was estimated for the first log, nuisances included, and its values, shape (n,)."""
+        parameters, values = list(self.space.parameters), self.reported.tolist()
+        if self.uncertainty is not None:
+            found = self.uncertainty
+            for parameter, value in zip(found.nuisances, found.nuisance_estimate.tolist(), strict=True):
+                target, _, number = parameter.target.partition("@")
+                if number in ("", "1"):
+                    parameters.append(replace(parameter, target=target))
+                    values.append(value)
+        return ParameterSpace(tuple(parameters)), np.array(values)
 
     def judged(self, verdict: Verdict) -> Result:
         """The result under a verdict made before the fit: what it calls hidden is not identified, whatever came out."""
@@ -240,6 +261,7 @@ class Result:
             "links": {link: self._link(link, value) for link, value in self.estimate_kg.items()},
             "together": {"estimate_kg": together_kg} | self._interval(together_kg, self.together_std_kg),
             "verdict": None if self.verdict is None else self.verdict.to_json(),
+            "validation": None if self.validation is None else self.validation.to_json(),
             "uncertainty": self._uncertainty(),
             "iterations": [
                 {
@@ -247,6 +269,7 @@ class Result:
                     "time_s": window.time_s,
                     "mu": float(window.mu[window.best]),
                     "estimate_kg": self.masses_kg(window.estimate),
+                    "std_kg": None if window.std is None else self.masses_kg(window.std),
                 }
                 for window in self.windows
             ],

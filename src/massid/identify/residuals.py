@@ -1,0 +1,94 @@
+"""What a result leaves unexplained, channel by channel, beside what the model file leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from massid.identify.assembly import assemble
+from massid.identify.options import IdentifyOptions
+from massid.identify.result import Result
+from massid.log.walk import Segment, Walk
+from massid.observer.blas import single_threaded
+from massid.observer.replay import replay_block, split
+from massid.robot import Robot
+from massid.typing import FloatArray
+
+_LONGEST_S = 2.0
+_LEAD_S = 0.3
+_BLOCK_STEPS = 50
+BASE_CHANNELS = ("base position", "base attitude", "base velocity", "base turn rate")
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Mean squares of whitened innovations; 1 where model and noise explain the channel.
+
+    Attributes:
+        channels: the base's position, attitude, velocity and turn rate, then every joint's position and velocity.
+        nominal: with the model file's masses, shape (n_channels,).
+        identified: with what was found, shape (n_channels,).
+        seconds: of the log they were taken from [s].
+    """
+
+    channels: tuple[str, ...]
+    nominal: FloatArray
+    identified: FloatArray
+    seconds: float
+
+
+def channel_residuals(result: Result, walk: Walk, robot: Robot, options: IdentifyOptions) -> Residuals | None:
+    """Run the identified and the nominal model through the first seconds of a part of a log.
+
+    An innovation is whitened by those of the channels before it, so a fault shows in the first channel it reaches.
+
+    Args:
+        result: what was found.
+        walk: aligned with the robot; best a part that was not fitted.
+        robot: with nominal masses.
+        options: how the result was found.
+
+    Returns:
+        None for a log without noise, or one that is too short.
+    """
+    if result.uncertainty is None:
+        return None
+    longest = max(walk.segments, key=len)
+    lead = round(_LEAD_S / walk.timestep_s)
+    segment = Segment(longest.start, min(longest.stop, longest.start + lead + round(_LONGEST_S / walk.timestep_s)))
+    if len(segment) < 2 * lead:
+        return None
+    space, point = result.unknowns()
+    pair = replace(options, bank_size=2)
+    with single_threaded():
+        bank = assemble(robot, space, walk.contact_bodies, walk.timestep_s, result.uncertainty.noise, pair).bank
+        bank.place(np.vstack([point, space.nominal]))
+        total, counted = np.zeros((2, 2 * robot.model.nv)), 0
+        for part in split(segment, _BLOCK_STEPS):
+            block = replay_block(walk, robot.layout, part)
+            if part.start == segment.start:
+                bank.restart(block)
+            errors = bank.advance(block).values
+            if part.start >= segment.start + lead:
+                total += bank.timestep_s * np.sum(errors**2, axis=1)
+                counted += len(block)
+    identified, nominal = total / counted
+    return Residuals(
+        _names(robot), _by_channel(robot, nominal), _by_channel(robot, identified), counted * walk.timestep_s
+    )
+
+
+def _names(robot: Robot) -> tuple[str, ...]:
+    return (
+        *BASE_CHANNELS,
+        *(f"{joint} position" for joint in robot.joint_names),
+        *(f"{joint} velocity" for joint in robot.joint_names),
+    )
+
+
+def _by_channel(robot: Robot, squares: FloatArray) -> FloatArray:
+    """Means over the three axes of each of the base's channels, then the joints' squares."""
+    nv, root, joints = robot.model.nv, robot.layout.root_dof, robot.layout.joint_dof
+    base = [squares[start : start + 3].mean() for start in (root, root + 3, nv + root, nv + root + 3)]
+    return np.concatenate([base, squares[joints], squares[nv + joints]])
