@@ -162,6 +162,7 @@ def _centre_velocity(robot: Robot, walk: Walk, rows: IntArray) -> FloatArray:
     for position, velocity in zip(qpos, qvel, strict=True):
         data.qpos[:], data.qvel[:] = position, velocity
         mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_subtreeVel(model, data)
         total += data.subtree_linvel[body]
     return np.asarray(total / len(rows))
