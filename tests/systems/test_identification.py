@@ -11,9 +11,11 @@ import pytest
 
 from massid.errors import BadInputError
 from massid.paper.affine_case import OPTIONS
-from massid.paper.comparison_case import MIRROR, run_sampling
-from massid.paper.non_affine_case import cramer_rao, drift, first_below, run_from_output, settled_error
-from massid.paper.setting import DEFAULT, AffineRun, NonAffineRun, as_start, random_starts
+from massid.paper.comparison_case import run_sampling
+from massid.paper.model_sets import settled_error
+from massid.paper.non_affine_case import cramer_rao, drift, first_below, run_from_output
+from massid.paper.paper_direction import BASE, PAPER_ERROR, PAPER_GAIN, final_errors, hessian_condition
+from massid.paper.setting import CONVERGED, AffineRun, NonAffineRun, as_start, random_starts
 from massid.search.directions import DIRECTIONS, DirectionName
 from massid.search.guided import GuidedSearch, SearchOptions, SearchStatus
 from massid.systems import affine, non_affine
@@ -63,20 +65,34 @@ def test_v_b_settles_at_the_cramer_rao_bound() -> None:
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(cramer_rao(non_affine.HOLD_S), rel=0.35)
 
 
-def test_v_b_converges_from_all_over_theta_with_a_scan_and_not_without() -> None:
-    starts = random_starts(12)
-    found = {
-        scan: sum(
-            NonAffineRun(start=as_start(start), seed=i, windows=12, search=replace(DEFAULT, scan=scan))
-            .run()
-            .errors(non_affine.TRUTH)[-1]
-            < 0.05
-            for i, start in enumerate(starts)
-        )
-        for scan in (("p2",), ())
-    }
-    assert found["p2",] == len(starts)
-    assert found[()] < len(starts)
+@pytest.mark.parametrize("upper", [4.0, 4.6])
+def test_v_b_is_found_within_five_windows_from_all_over_theta(upper: float) -> None:
+    """p2 = 2 is one of the scanned values with the first of the two Thetas, and far from all with the second."""
+    theta = ((0.0, 20.0), (0.0, upper), (0.0, 4.0))
+    for i, start in enumerate(random_starts(12, theta)):
+        reached = first_below(NonAffineRun(start=as_start(start), seed=i, windows=6, theta=theta).run())
+        assert reached is not None
+        assert reached <= 5
+
+
+def test_v_b_is_lost_from_some_starts_without_a_scan() -> None:
+    ends = [
+        NonAffineRun(start=as_start(start), seed=i, search=SearchOptions()).run().errors(non_affine.TRUTH)[-1]
+        for i, start in enumerate(random_starts(12))
+    ]
+    assert 0 < sum(end > CONVERGED for end in ends) < len(ends)
+
+
+def test_a_slow_model_makes_the_papers_direction_as_good_as_the_papers() -> None:
+    assert hessian_condition(PAPER_GAIN) < 0.4 * hessian_condition(non_affine.GAIN)
+    assert np.median(final_errors(BASE, 3)) < 2.0 * PAPER_ERROR
+    assert final_errors(replace(BASE, gain=non_affine.GAIN), 1)[0] > 3.0 * PAPER_ERROR
+
+
+def test_a_larger_model_set_does_not_settle_lower() -> None:
+    """The disturbance is common to all models: 36 of them know no more of it than 9."""
+    few, many = (settled_error(NonAffineRun(windows=14, n_models=n).run()) for n in (9, 36))
+    assert many == pytest.approx(few, rel=0.05)
 
 
 def test_v_b_from_x1_alone() -> None:
@@ -106,7 +122,7 @@ def test_dynamic_sampling_finds_p_and_the_mirror_where_theta_admits_it() -> None
     good = run_sampling(0.7)
     assert good.errors(non_affine.TRUTH)[-1] < 0.02
     mirrored = run_sampling(0.8, non_affine.MIRROR_THETA)
-    assert np.linalg.norm(mirrored.estimates[-1] - MIRROR) < 0.05
+    assert np.linalg.norm(mirrored.estimates[-1] - non_affine.MIRROR) < 0.05
 
 
 def test_dynamic_sampling_stays_in_theta_and_zooms() -> None:
@@ -135,12 +151,12 @@ def test_dynamic_sampling_refuses_what_does_not_zoom(zoom: float, per_axis: int)
 def test_a_mirror_start_is_lost() -> None:
     """What the scan of p2 does not cure: from the far side of p3 = 0 the mirror minimum catches the search."""
     run = NonAffineRun(
-        start=as_start(MIRROR + np.array([0.5, 0.0, -0.1])),
+        start=as_start(non_affine.MIRROR + np.array([0.5, 0.0, -0.1])),
         windows=10,
         theta=non_affine.MIRROR_THETA,
         search=SearchOptions(),
     ).run()
-    assert np.linalg.norm(run.estimates[-1] - MIRROR) < 0.05
+    assert np.linalg.norm(run.estimates[-1] - non_affine.MIRROR) < 0.05
 
 
 def test_a_system_of_ones_own(capsys: pytest.CaptureFixture[str]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,6 @@ from massid.systems.system import MeasuredBlock
 PER_AXIS = 4
 ZOOMS = (0.5, 0.6, 0.7, 0.8, 0.9)
 COPIES = (1, 2, 3, 4)
-MIRROR = np.array([13.19, 2.0005, -0.988])
 LARGEST_GRID_COPIES = 2
 """4^6 = 4096 models are run; 4^9 and 4^12 are extrapolated."""
 
@@ -80,13 +80,17 @@ class Zoom:
 
 @dataclass(frozen=True)
 class Cost:
-    """One dwell window of some copies of V-B.
+    """What some copies of V-B take.
+
+    A step of a model of c copies is c steps of V-B: what grows with the system that is simulated, and not with the
+    search, is told apart by counting model steps, and by the time of one step of one copy.
 
     Attributes:
         n_p: number of unknowns.
         guided_models: of the guided search, 3 n_p.
         guided_s: least wall time of one window, plant left out [s].
         guided_windows: until |p - p*| per copy is below 0.01; None if it is not within the run.
+        window_steps: model steps of one window of the guided search.
         grid_models: 4^n_p.
         grid_s: wall time of one window of the grid [s]; None where it was not run.
     """
@@ -95,8 +99,24 @@ class Cost:
     guided_models: int
     guided_s: float
     guided_windows: int | None
+    window_steps: int
     grid_models: int
     grid_s: float | None
+
+    @property
+    def total_steps(self) -> int | None:
+        """Model steps until |p - p*| per copy is below 0.01."""
+        return None if self.guided_windows is None else self.guided_windows * self.window_steps
+
+    @property
+    def copy_step_s(self) -> float:
+        """Wall time of one step of one copy in one model [s]."""
+        return self.guided_s / (self.window_steps * self.n_p / 3)
+
+
+def exponent(n_p: Sequence[int], values: Sequence[float]) -> float:
+    """The m of values ~ n_p^m, by least squares on logarithms."""
+    return float(np.polyfit(np.log(n_p), np.log(values), 1)[0])
 
 
 @dataclass(frozen=True)
@@ -133,7 +153,7 @@ def compare_zooms(progress: Progress = silent) -> list[Zoom]:
                     zoom,
                     mirrored,
                     float(run.errors(non_affine.TRUTH)[-1]),
-                    float(np.linalg.norm(end - MIRROR)),
+                    float(np.linalg.norm(end - non_affine.MIRROR)),
                 )
             )
     return rows
@@ -145,7 +165,7 @@ def mirror_starts(starts: int = 30) -> tuple[int, int, int]:
     for i, start in enumerate(random_starts(starts, non_affine.MIRROR_THETA)):
         run = NonAffineRun(start=as_start(start), seed=i, windows=15, theta=non_affine.MIRROR_THETA).run()
         found += bool(run.errors(non_affine.TRUTH)[-1] < 0.05)
-        mirrored += bool(np.linalg.norm(run.estimates[-1] - MIRROR) < 0.1)
+        mirrored += bool(np.linalg.norm(run.estimates[-1] - non_affine.MIRROR) < 0.1)
     return found, mirrored, starts
 
 
@@ -187,7 +207,15 @@ def _cost(copies: int, windows: int) -> Cost:
         started = time.perf_counter()
         sampling.tell(_score_in_parts(grid, sampling, block))
         grid_s = time.perf_counter() - started
-    return Cost(n_p, 3 * n_p, float(np.min(spent)), below[0] if below else None, PER_AXIS**n_p, grid_s)
+    return Cost(
+        n_p=n_p,
+        guided_models=3 * n_p,
+        guided_s=float(np.min(spent)),
+        guided_windows=below[0] if below else None,
+        window_steps=3 * n_p * len(block),
+        grid_models=PER_AXIS**n_p,
+        grid_s=grid_s,
+    )
 
 
 def _score_in_parts(bank: SystemBank, sampling: DynamicSampling, block: MeasuredBlock) -> Monitoring:

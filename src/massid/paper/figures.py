@@ -1,4 +1,4 @@
-"""Figures 1 to 6 redrawn, each with the paper's numbers in it, and three that the paper has not."""
+"""Figures 1 to 6 redrawn, each with the paper's numbers in it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from massid.paper.affine_case import AffineCase
-from massid.paper.comparison_case import ComparisonCase
 from massid.paper.humanoid_case import THRESHOLD_KG, HumanoidCase
 from massid.paper.illustration import TRUTH as ILLUSTRATED_TRUTH
 from massid.paper.illustration import Illustration
 from massid.paper.non_affine_case import NonAffineCase
+from massid.paper.paper_direction import PAPER_ERROR, PAPER_GAIN
 from massid.systems import affine, non_affine
 from massid.systems.online import OnlineRun
 from massid.typing import FloatArray
@@ -48,7 +48,7 @@ FLOOR = 1e-12
 
 
 @contextmanager
-def _page(path: Path, rows: int, columns: int, size: tuple[float, float], **share: Any) -> Iterator[Any]:
+def page(path: Path, rows: int, columns: int, size: tuple[float, float], **share: Any) -> Iterator[Any]:
     """A figure with axes, written when it is done."""
     import matplotlib as mpl
 
@@ -67,7 +67,7 @@ def _page(path: Path, rows: int, columns: int, size: tuple[float, float], **shar
 def draw_fig_1(case: Illustration, path: Path) -> None:
     """Sampling, direction, line search over contours of mu."""
     titles = ("(a) the estimate", "(b) local sampling", "(c) search direction", "(d) line search")
-    with _page(path, 1, 4, (14.0, 3.9), sharey=True) as axes:
+    with page(path, 1, 4, (14.0, 3.9), sharey=True) as axes:
         for panel, (axis, title) in enumerate(zip(axes, titles, strict=True)):
             axis.contour(case.p1, case.p3, np.log10(case.mu + 1e-6), levels=18, cmap="Greys_r", linewidths=0.8)
             axis.plot(*ILLUSTRATED_TRUTH, "*", color=PAPER, markersize=13, label="p*")
@@ -98,7 +98,7 @@ def draw_fig_1(case: Illustration, path: Path) -> None:
 
 def draw_fig_2(case: AffineCase, path: Path) -> None:
     """V-A: error over time for every direction."""
-    with _page(path, 1, 1, (8.0, 4.4)) as axis:
+    with page(path, 1, 1, (8.0, 4.4)) as axis:
         for name, outcome in case.outcomes.items():
             axis.semilogy(
                 outcome.times_s, np.maximum(outcome.errors, FLOOR), "-o", ms=3, color=COLOURS[name], label=name
@@ -114,7 +114,7 @@ def draw_fig_2(case: AffineCase, path: Path) -> None:
 
 def draw_fig_3(case: NonAffineCase, path: Path) -> None:
     """V-B: tracking error without and with the search."""
-    with _page(path, 2, 1, (8.0, 5.2), sharex=True) as axes:
+    with page(path, 2, 1, (8.0, 5.2), sharex=True) as axes:
         for axis, run, title in (
             (axes[0], case.without, "(a) without the search"),
             (axes[1], case.default, "(b) with the search"),
@@ -136,13 +136,14 @@ def tracking_error(run: OnlineRun) -> FloatArray:
 
 def draw_fig_4(case: NonAffineCase, path: Path) -> None:
     """V-B: error over time."""
-    with _page(path, 1, 1, (8.0, 4.4)) as axis:
+    with page(path, 1, 1, (8.0, 4.4)) as axis:
         for run, name, label in (
-            (case.default, "gauss-newton", "ours: gauss-newton, p2 scanned"),
-            (case.paper, "gradient", "the paper's direction: gradient, RANSAC"),
+            (case.default, "gauss-newton", "ours: gauss-newton, p2 and p3 scanned"),
+            (case.paper.run, "gradient", f"the paper's direction: gradient, k = {PAPER_GAIN:g} 1/s"),
+            (case.paper.stiff, "plain-gradient", f"the same, k = {non_affine.GAIN:g} 1/s"),
         ):
             axis.semilogy(run.times_s, run.errors(non_affine.TRUTH), "-o", ms=3, color=COLOURS[name], label=label)
-        axis.axhline(0.16, color=PAPER, ls="--", lw=1, label="paper's final error, 0.16")
+        axis.axhline(PAPER_ERROR, color=PAPER, ls="--", lw=1, label="paper's final error, 0.16")
         bound = case.holds[0][2]
         axis.axhline(bound, color="#7a828e", ls=":", lw=1, label=f"Cramér-Rao bound of one window, {bound:.4f}")
         axis.set_xlabel("time [s]")
@@ -166,7 +167,7 @@ def draw_fig_5(case: HumanoidCase, path: Path, shots: int = 6) -> bool:
     shown = [Shot(motion.qpos[frame], blue) for frame in frames]
     pictures = render_shots(case.robot, shown, motion.height_m, 420, 620)
     parents = case.robot.model.body_parentid
-    with _page(path, 1, shots, (13.0, 3.7)) as axes:
+    with page(path, 1, shots, (13.0, 3.7)) as axes:
         for i, axis in enumerate(axes):
             axis.grid(visible=False)
             axis.set_axis_off()
@@ -193,7 +194,7 @@ def _one_step(force_n: FloatArray, shots: int) -> list[int]:
 
 def draw_fig_6(case: HumanoidCase, path: Path) -> None:
     """V-D: L2 mass error over time, the paper's direction and ours."""
-    with _page(path, 1, 1, (8.0, 4.4)) as axis:
+    with page(path, 1, 1, (8.0, 4.4)) as axis:
         for name, errors in case.errors.items():
             axis.semilogy(errors.times_s, np.maximum(errors.l2_kg, FLOOR), color=COLOURS[name], label=name, lw=1.6)
         axis.axhline(
@@ -204,71 +205,6 @@ def draw_fig_6(case: HumanoidCase, path: Path) -> None:
         axis.set_ylabel("L2 mass error [kg]")
         axis.set_title("Fig. 6: seven masses of a walking humanoid, 24 models")
         axis.legend(fontsize=8)
-
-
-def draw_costs(case: ComparisonCase, path: Path) -> None:
-    """Models and time against the number of unknowns: guided search and grid."""
-    n_p = np.array([cost.n_p for cost in case.costs])
-    run = [cost for cost in case.costs if cost.grid_s is not None]
-    with _page(path, 1, 2, (10.0, 4.0)) as axes:
-        axes[0].semilogy(
-            n_p, [cost.grid_models for cost in case.costs], "-s", color="#d9480f", label="grid, 4 per axis"
-        )
-        axes[0].semilogy(
-            n_p, [cost.guided_models for cost in case.costs], "-o", color="#1664c0", label="guided, 3 $n_p$"
-        )
-        axes[0].set_title("Models")
-        axes[1].semilogy(n_p, [cost.guided_s for cost in case.costs], "-o", color="#1664c0", label="guided")
-        per_model = [cost.grid_s / cost.grid_models / cost.n_p for cost in run if cost.grid_s is not None]
-        extrapolated = [cost.grid_models * cost.n_p * per_model[-1] for cost in case.costs]
-        axes[1].semilogy(
-            n_p[len(run) - 1 :],
-            extrapolated[len(run) - 1 :],
-            "--s",
-            mfc="white",
-            color="#d9480f",
-            label="grid, extrapolated",
-        )
-        axes[1].semilogy(
-            [cost.n_p for cost in run], [cost.grid_s for cost in run], "-s", color="#d9480f", label="grid, run"
-        )
-        axes[1].set_title("Time of one dwell window [s]")
-        for axis in axes:
-            axis.set_xlabel("unknowns $n_p$ (copies of V-B)")
-            axis.set_xticks(n_p)
-            axis.legend(fontsize=8)
-
-
-def draw_sampling(case: ComparisonCase, path: Path) -> None:
-    """Table I as curves: error over time of both methods."""
-    with _page(path, 1, 1, (8.0, 4.0)) as axis:
-        for contender, colour, label in (
-            (case.guided, "#1664c0", "guided, 9 models"),
-            (case.sampling, "#d9480f", f"dynamic sampling, 64 models, zoom {case.zoom:g}"),
-        ):
-            axis.semilogy(contender.run.times_s, contender.run.errors(non_affine.TRUTH), color=colour, label=label)
-        axis.plot([170.0], [0.16], "X", color="#1664c0", mec=PAPER, ms=10, label="paper, guided: 0.16")
-        axis.plot([170.0], [2.03], "X", color="#d9480f", mec=PAPER, ms=10, label="paper, dynamic sampling: 2.03")
-        axis.set_xlabel("time [s]")
-        axis.set_ylabel("$|p - p^*|$")
-        axis.set_title("Table I: error over the 170 s")
-        axis.legend(fontsize=8)
-
-
-def draw_drift(case: NonAffineCase, path: Path) -> None:
-    """Online against offline while p* drifts, and x1 alone measured."""
-    with _page(path, 1, 2, (11.0, 3.8)) as axes:
-        axes[0].semilogy(case.drift.times_s, case.drift.online, "-o", ms=3, color="#1664c0", label="online")
-        axes[0].semilogy(
-            case.drift.times_s, case.drift.offline, "-s", ms=3, color="#d9480f", label="offline, whole record"
-        )
-        axes[0].set_title("Parameters that drift")
-        axes[1].semilogy(case.output.times_s, case.output.errors(non_affine.TRUTH), "-o", ms=3, color="#2f9e6e")
-        axes[1].set_title("V-B with $x_1$ alone measured")
-        axes[0].legend(fontsize=8)
-        for axis in axes:
-            axis.set_xlabel("time [s]")
-            axis.set_ylabel("$|p - p^*|$")
 
 
 def initial_affine_error() -> float:

@@ -1,4 +1,4 @@
-"""V-D run again: a walk is recorded, and the masses of seven links are found with each direction."""
+"""V-D run again: a walk is recorded, the masses of seven links are found with each direction, Section IV is checked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from massid.errors import FallError
 from massid.identify import IdentifyOptions, identify_online
 from massid.log import read_walk
 from massid.log.walk import Walk
+from massid.paper.recorded import Check
 from massid.paper.setting import Progress, silent
+from massid.paper.walk_drift import WalkDrift, run_walk_drift
+from massid.paper.walk_theory import WalkTheory
 from massid.plant import record_walk, truth_path
 from massid.robot import Robot
 from massid.score import Truth, score
@@ -49,6 +52,8 @@ class HumanoidCase:
         robot: with nominal masses.
         links: whose masses were unknown.
         dwell_s: T [s].
+        checks: Section IV on models of this walk.
+        drift: online against offline while the torso grows heavier; None where no walk was recorded.
     """
 
     errors: dict[DirectionName, MassErrors]
@@ -56,6 +61,8 @@ class HumanoidCase:
     robot: Robot
     links: tuple[str, ...]
     dwell_s: float
+    checks: list[Check]
+    drift: WalkDrift | None
 
 
 def run_humanoid_case(
@@ -77,7 +84,7 @@ def run_humanoid_case(
         log = folder / f"{Path(robot_name).stem}_walk_{seconds:g}s_{seed}.mcap"
         if not (log.exists() and truth_path(log).exists()):
             report = record_walk(
-                resolve_model(robot_name), log, seconds, seed=seed, progress=lambda f, w: progress(0.5 * f, w)
+                resolve_model(robot_name), log, seconds, seed=seed, progress=lambda f, w: progress(0.3 * f, w)
             )
             if report.fell:
                 log.unlink()
@@ -92,11 +99,17 @@ def run_humanoid_case(
     initial = float(np.linalg.norm([truth.mass_kg[link] - robot.nominal_mass_kg(link) for link in links]))
     errors = {}
     for i, name in enumerate(DIRECTIONS):
-        progress(0.5 + 0.5 * i / len(DIRECTIONS), f"masses, {name}")
+        progress(0.3 + 0.2 * i / len(DIRECTIONS), f"masses, {name}")
         result = identify_online(walk, robot, space, replace(options, search=SearchOptions(direction=name)))
         l2 = np.concatenate([[initial], score(result, truth).l2_error_kg])
         times = np.array([0.0, *(window.time_s for window in result.windows)])
         above = np.flatnonzero(l2 >= THRESHOLD_KG)
         last = int(above[-1]) + 1 if len(above) else 0
         errors[name] = MassErrors(times, l2, last if last < len(l2) else None)
-    return HumanoidCase(errors, walk, robot, links, options.dwell_s)
+    true_kg = np.array([truth.mass_kg[link] for link in links])
+    theory = WalkTheory(robot, robot.align(walk), true_kg, links)
+    checks = theory.checks(lambda fraction, what: progress(0.5 + 0.2 * fraction, what))
+    drift = None
+    if seconds > 0.0:
+        drift = run_walk_drift(robot, folder, seed, lambda fraction, what: progress(0.7 + 0.3 * fraction, what))
+    return HumanoidCase(errors, walk, robot, links, options.dwell_s, checks, drift)

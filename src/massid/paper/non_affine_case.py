@@ -1,4 +1,4 @@
-"""V-B run again: Fig. 3 and 4, noise seeds, random starts, hold times, model sets, drift, and x1 alone measured."""
+"""V-B run again: Fig. 3 and 4, noise seeds, random starts, hold times, drift, and x1 alone measured."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massid.paper.model_sets import ModelSetOutcome, compare_model_sets, settled_error
+from massid.paper.paper_direction import PaperDirectionCase, run_paper_direction_case
 from massid.paper.setting import (
+    CONVERGED,
     DEFAULT,
     DIRECTION_NAMES,
     N_MODELS,
-    PAPER_DIRECTION,
     THRESHOLD,
     TIMESTEP_S,
     WINDOWS,
@@ -34,12 +36,12 @@ from massid.systems.plant import Plant
 from massid.typing import FloatArray
 
 STARTS, SEEDS = 30, 8
-SETTLED = 6
-"""Windows after which an error counts as noise, not as search."""
 START_WINDOWS, FIRST_ORDER_WINDOWS = 12, 20
 """Windows that a random start gets with a second-order direction, and with another."""
-CONVERGED = 0.05
-"""Error below which a random start has found p*: no other minimum is as near, and noise is far below."""
+TARGET_WINDOWS = 5
+"""Within these the error shall be below 0.01."""
+SHIFTED = (3.4, 4.6, 6.0)
+"""Other upper ends of Theta in p2: they move the scan's values off p*."""
 
 
 @dataclass(frozen=True)
@@ -126,11 +128,6 @@ def cramer_rao(hold_s: float, noise: float = non_affine.NOISE, duration_s: float
     return float(np.sqrt(np.trace(np.linalg.inv(information))))
 
 
-def settled_error(run: OnlineRun) -> float:
-    """Root mean square error over the windows after the first few."""
-    return float(np.sqrt(np.mean(run.errors(non_affine.TRUTH)[SETTLED:] ** 2)))
-
-
 def hold_times(holds_s: tuple[float, ...] = (1e-3, 1e-2, 0.1)) -> list[tuple[float, float, float]]:
     """Noise hold time [s], settled root mean square error, Cramer-Rao bound of one window."""
     return [
@@ -150,75 +147,13 @@ def sensitivity() -> list[tuple[str, int | None, float]]:
     ]
     changes += [(f"radius {r:g}", replace(base, search=replace(DEFAULT, radius=r))) for r in (0.01, 0.3)]
     changes += [("no scan", replace(base, search=SearchOptions()))]
+    changes += [("p2 alone scanned", replace(base, search=replace(DEFAULT, scan=("p2",))))]
     changes += [("sampling ball", replace(base, search=replace(DEFAULT, sampling="ball")))]
     changes += [("Theta with p3 < 0", replace(base, theta=non_affine.MIRROR_THETA))]
     rows = []
     for label, setting in changes:
         run = setting.run()
         rows.append((label, first_below(run), settled_error(run)))
-    return rows
-
-
-@dataclass(frozen=True)
-class ModelSetOutcome:
-    """What a larger ModelSet is good for.
-
-    Attributes:
-        n_models: size of the bank.
-        kept: best models of each window that stay.
-        converged: random starts that found p*, without a scan.
-        starts: how many there were.
-        error: settled root mean square error from p0.
-    """
-
-    n_models: int
-    kept: int
-    converged: int
-    starts: int
-    error: float
-
-
-def model_sets(starts: int = STARTS) -> list[ModelSetOutcome]:
-    """Banks of several sizes, with and without kept models."""
-    rows = []
-    for n_models, kept in ((9, 0), (18, 6), (36, 12)):
-        search = SearchOptions(kept=kept)
-        runs = [
-            NonAffineRun(start=as_start(start), seed=i, windows=START_WINDOWS, search=search, n_models=n_models).run()
-            for i, start in enumerate(random_starts(starts))
-        ]
-        converged = sum(bool(run.errors(non_affine.TRUTH)[-1] < CONVERGED) for run in runs)
-        error = settled_error(NonAffineRun(windows=WINDOWS, search=search, n_models=n_models).run())
-        rows.append(ModelSetOutcome(n_models, kept, converged, starts, error))
-    return rows
-
-
-def several_guesses(starts: int = STARTS) -> list[tuple[int, int, int]]:
-    """Initial guesses, converged runs, runs: further guesses all over Theta take the place of candidates."""
-    rows = []
-    for guesses in (3, 6, 12):
-        converged = 0
-        for i, start in enumerate(random_starts(starts)):
-            rng = np.random.default_rng([i, 3])
-            lower, upper = np.array(non_affine.THETA).T
-            others = list(rng.uniform(lower, upper, size=(guesses - 1, 3)))
-            n_models = 2 * 3 + 1 + max(2, guesses - 1)
-            search = SearchOptions(candidates=max(2, guesses - 1))
-            system = non_affine_system(start)
-            plant = non_affine_plant(system, np.random.default_rng([i, 1]), timestep_s=TIMESTEP_S)
-            guided = GuidedSearch(
-                system.space, n_models, search, np.random.default_rng([i, 2]), guesses=[start, *others]
-            )
-            run = run_online(
-                plant,
-                SystemBank(system, n_models, TIMESTEP_S),
-                guided,
-                START_WINDOWS,
-                non_affine.DWELL_S,
-                non_affine.FORGETTING_RATE,
-            )
-            converged += bool(run.errors(non_affine.TRUTH)[-1] < CONVERGED)
-        rows.append((guesses, converged, starts))
     return rows
 
 
@@ -281,19 +216,54 @@ def drift(windows: int = 25, rate: FloatArray | None = None) -> Drift:
     )
 
 
-def paper_choices(base: NonAffineRun) -> list[tuple[str, float]]:
-    """What the paper's direction depends on: what was changed, and the error after 170 s."""
-    exact, fixed = base.search, replace(base.search, step_size=1.0)
-    changes = [
-        ("as chosen", base),
-        ("gradient in the parameters' own units", replace(base, search=replace(exact, direction="plain-gradient"))),
-        ("p2 scanned", replace(base, search=replace(exact, scan=("p2",)))),
-        ("k = 5 1/s", replace(base, gain=5.0)),
-        ("k = 1 1/s", replace(base, gain=1.0)),
-        ("k = 1 1/s, alpha = 1", replace(base, gain=1.0, search=fixed)),
-        ("no noise", replace(base, noise=0.0)),
+@dataclass(frozen=True)
+class ScanOutcome:
+    """Random starts with one way to scan.
+
+    Attributes:
+        label: what is scanned, and Theta.
+        converged: starts that found p*.
+        in_time: starts whose error was below 0.01 within five windows.
+        worst: most windows that a converged start took; None if one never was below 0.01.
+        starts: how many there were.
+    """
+
+    label: str
+    converged: int
+    in_time: int
+    worst: int | None
+    starts: int
+
+
+def compare_scans(starts: int = STARTS) -> list[ScanOutcome]:
+    """Random starts with and without scans; and with Thetas in which no scanned value is near p*."""
+    rows = []
+    for label, scan in (("nothing", ()), ("p2", ("p2",)), ("p2, p3", ("p2", "p3"))):
+        rows.append(_scan_outcome(label, scan, non_affine.THETA, starts))
+    for upper in SHIFTED:
+        theta = (non_affine.THETA[0], (0.0, upper), non_affine.THETA[2])
+        rows.append(_scan_outcome(f"p2, p3; p2 in [0, {upper:g}]", ("p2", "p3"), theta, starts))
+    return rows
+
+
+def _scan_outcome(
+    label: str, scan: tuple[str, ...], theta: tuple[tuple[float, float], ...], starts: int
+) -> ScanOutcome:
+    runs = [
+        NonAffineRun(
+            start=as_start(start), seed=i, windows=START_WINDOWS, search=replace(DEFAULT, scan=scan), theta=theta
+        ).run()
+        for i, start in enumerate(random_starts(starts, theta))
     ]
-    return [(label, float(run.run().errors(non_affine.TRUTH)[-1])) for label, run in changes]
+    reached = [first_below(run) for run in runs if run.errors(non_affine.TRUTH)[-1] < CONVERGED]
+    known = [windows for windows in reached if windows is not None]
+    return ScanOutcome(
+        label=label,
+        converged=len(reached),
+        in_time=sum(windows <= TARGET_WINDOWS for windows in known),
+        worst=max(known) if known and len(known) == len(reached) else None,
+        starts=starts,
+    )
 
 
 @dataclass(frozen=True)
@@ -301,14 +271,13 @@ class NonAffineCase:
     """All of V-B."""
 
     default: OnlineRun
-    paper: OnlineRun
-    paper_choices: list[tuple[str, float]]
+    paper: PaperDirectionCase
     without: OnlineRun
     settling: dict[DirectionName, Settling]
     holds: list[tuple[float, float, float]]
     sensitivity: list[tuple[str, int | None, float]]
+    scans: list[ScanOutcome]
     model_sets: list[ModelSetOutcome]
-    guesses: list[tuple[int, int, int]]
     output: OnlineRun
     drift: Drift
 
@@ -317,20 +286,22 @@ def run_non_affine_case(progress: Progress = silent) -> NonAffineCase:
     """Run V-B in every way."""
     settling = {}
     for i, name in enumerate(DIRECTION_NAMES):
-        progress(0.8 * i / len(DIRECTION_NAMES), f"V-B, {name}")
+        progress(0.5 * i / len(DIRECTION_NAMES), f"V-B, {name}")
         settling[name] = settle(name)
-    progress(0.8, "V-B, choices")
-    paper = NonAffineRun(windows=WINDOWS, search=SearchOptions(direction=PAPER_DIRECTION))
+    progress(0.5, "V-B, the paper's direction")
+    paper = run_paper_direction_case()
+    progress(0.75, "V-B, sizes of the model set")
+    model_sets = compare_model_sets()
+    progress(0.9, "V-B, choices")
     return NonAffineCase(
         default=NonAffineRun(windows=WINDOWS, keep_motion=True).run(),
-        paper=paper.run(),
-        paper_choices=paper_choices(paper),
+        paper=paper,
         without=run_without_search(WINDOWS),
         settling=settling,
         holds=hold_times(),
         sensitivity=sensitivity(),
-        model_sets=model_sets(),
-        guesses=several_guesses(),
+        scans=compare_scans(),
+        model_sets=model_sets,
         output=run_from_output(),
         drift=drift(),
     )

@@ -27,6 +27,10 @@ SYSTEM_TIME_S = 170.0
 """Of Table I."""
 WINDOWS = round(SYSTEM_TIME_S / non_affine.DWELL_S + 0.5)
 THRESHOLD = 0.01
+SETTLED = 6
+"""Windows after which an error of V-B counts as noise, not as search."""
+CONVERGED = 0.05
+"""Error below which a start of V-B has found p*: no other minimum is as near, and noise is far below."""
 DIRECTION_NAMES: tuple[DirectionName, ...] = (
     "gauss-newton",
     "levenberg-marquardt",
@@ -37,8 +41,8 @@ DIRECTION_NAMES: tuple[DirectionName, ...] = (
     "bfgs",
 )
 PAPER_DIRECTION: DirectionName = "gradient"
-DEFAULT = SearchOptions(scan=("p2",))
-"""V-B: the second-order direction, and p2 scanned over Theta in the first window."""
+DEFAULT = SearchOptions(scan=("p2", "p3"))
+"""V-B: the second-order direction, and p2 and p3, in which mu is far from quadratic, scanned in the first window."""
 
 
 def silent(fraction: float, what: str) -> None:
@@ -51,6 +55,7 @@ class NonAffineRun:
 
     Attributes:
         start: initial guess, shape (3,); default the paper's.
+        guesses: initial guesses; those beside the start are random points of Theta.
         seed: of the noise and of the sampling.
         windows: dwell windows of `dwell_s`.
         search: how to search.
@@ -65,6 +70,7 @@ class NonAffineRun:
     """
 
     start: tuple[float, float, float] = tuple(non_affine.START.tolist())
+    guesses: int = 1
     seed: int = 0
     windows: int = 12
     search: SearchOptions = field(default_factory=lambda: DEFAULT)
@@ -86,7 +92,16 @@ class NonAffineRun:
         system = non_affine_system(np.array(self.start), self.theta, self.gain)
         rng = np.random.default_rng([self.seed, 1])
         plant = non_affine_plant(system, rng, self.noise, self.hold_s, timestep_s=TIMESTEP_S)
-        search = GuidedSearch(system.space, self.n_models, self.search, np.random.default_rng([self.seed, 2]))
+        others = np.random.default_rng([self.seed, 3]).uniform(
+            system.space.lower, system.space.upper, size=(self.guesses - 1, len(system.space))
+        )
+        search = GuidedSearch(
+            system.space,
+            self.n_models,
+            self.search,
+            np.random.default_rng([self.seed, 2]),
+            guesses=[system.space.nominal, *others],
+        )
         bank = SystemBank(system, self.n_models, TIMESTEP_S)
         return run_online(
             plant, bank, search, self.windows, self.dwell_s, self.forgetting_rate, keep_motion=self.keep_motion

@@ -1,6 +1,6 @@
 """Section IV as checks that are run: what the paper proves or remarks, measured with models of V-A and V-B.
 
-The humanoid's part is in `massid.paper.humanoid_theory`. Every check says what was measured and the limit it was held
+The humanoid's part is in `massid.paper.walk_theory`. Every check says what was measured and the limit it was held
 against; `holds` is the outcome and is not assumed anywhere.
 """
 
@@ -8,19 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
-from massid.paper.setting import N_MODELS, TIMESTEP_S, AffineRun, NonAffineRun
-from massid.search.guided import GuidedSearch, SearchOptions
-from massid.search.monitoring import Monitoring
-from massid.search.proposal import Proposal, Role
-from massid.search.quadratic import LocalQuadratic
+from massid.paper.recorded import SAFE, Check, Recorded, growth_of_mu, offline_rate, order_of_change
+from massid.paper.setting import TIMESTEP_S, AffineRun, NonAffineRun
 from massid.systems import affine, non_affine
 from massid.systems.bank import SystemBank
-from massid.systems.offline import run_offline
-from massid.systems.online import score_block
 from massid.systems.plant import Controller, Plant
 from massid.systems.system import MeasuredBlock, System
 from massid.typing import FloatArray
@@ -29,91 +24,65 @@ EDGE = 1e-9
 """Relative rounding of sums over a window."""
 OFFLINE_PASSES = 60
 ONLINE_WINDOWS = 40
-SAFE = SearchOptions(direction="safe-gradient", gradient="gram", candidates=0)
-"""alpha_i = 1/L_i and nothing beside the centre: the theorems' minimal ModelSet."""
+SPACING = 0.5
+"""Offset of the models around a point of V-A; mu is quadratic there, so any will do."""
+Windows: TypeAlias = Recorded[MeasuredBlock]
 
 
-@dataclass(frozen=True)
-class Check:
-    """One statement of the paper and what came of it.
-
-    Attributes:
-        name: where it stands in the paper.
-        claim: what is claimed, or what was found instead.
-        measured: numbers, in words.
-        holds: whether the measurement agrees with the claim.
-    """
-
-    name: str
-    claim: str
-    measured: str
-    holds: bool
+def recorded(system: System, truth: FloatArray, forgetting_rate: float, *blocks: MeasuredBlock) -> Windows:
+    """Windows of a small system."""
+    return Recorded(
+        space=system.space,
+        truth=truth,
+        blocks=blocks,
+        make_bank=lambda n_models: SystemBank(system, n_models, TIMESTEP_S),
+        forgetting_rate=forgetting_rate,
+        spacing=np.full(len(truth), SPACING),
+    )
 
 
-@dataclass(frozen=True)
-class Excited:
-    """V-A over one dwell window, and models around a point of it."""
-
-    system: System
-    block: MeasuredBlock
-
-    def score(self, points: FloatArray, forgetting_rate: float = affine.FORGETTING_RATE) -> Monitoring:
-        """Scores of models at any points, shape (n, 3)."""
-        roles = (Role.CENTRE, *[Role.SAMPLE] * (len(points) - 1))
-        bank = SystemBank(self.system, len(points), TIMESTEP_S)
-        return score_block(bank, Proposal(points, roles), self.block, forgetting_rate)
-
-    def quadratic(self, centre: FloatArray, radius: float = 0.5) -> LocalQuadratic:
-        """Expand mu around a point, from antithetic samples along the axes."""
-        offsets = radius * np.vstack([np.eye(3), -np.eye(3)])
-        return self.score(np.vstack([centre, centre + offsets])).local_quadratic()
-
-
-def excited_window(duration_s: float = affine.DWELL_S) -> Excited:
+def excited_window() -> Windows:
     """V-A under the input of the experiments."""
     system = affine.affine_system()
-    return Excited(system, affine.affine_plant(system, timestep_s=TIMESTEP_S).run(duration_s, affine.START).block)
+    block = affine.affine_plant(system, timestep_s=TIMESTEP_S).run(affine.DWELL_S, affine.START).block
+    return recorded(system, affine.TRUTH, affine.FORGETTING_RATE, block)
 
 
-def resting_window() -> Excited:
+def resting_window() -> Windows:
     """V-A at the equilibrium of a constant input, where no state moves: nothing is excited."""
     system = affine.affine_system()
     control = np.array([-6.0, 0.0, 1.0, 0.0, 1.0])
     plant = Plant(system, affine.TRUTH, Controller(affine.two_sines, control), np.zeros(2), TIMESTEP_S)
     plant.run(30.0, affine.START)  # comes to rest
-    return Excited(system, plant.run(affine.DWELL_S, affine.START).block)
+    block = plant.run(affine.DWELL_S, affine.START).block
+    return recorded(system, affine.TRUTH, affine.FORGETTING_RATE, block)
 
 
 def unique_minimiser() -> Check:
     """Proposition 1 with excitation: mu(p*) = 0 and mu grows at least like the bound of Eq. (11)."""
-    window, rng = excited_window(), np.random.default_rng(0)
-    directions = rng.normal(size=(200, 3))
-    radius = rng.uniform(0.01, 20.0, size=(200, 1))
-    offsets = radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    mu = window.score(np.vstack([affine.TRUTH, affine.TRUTH + offsets])).mu
-    ratio = mu[1:] / radius[:, 0] ** 2
-    bound = 0.5 * np.linalg.eigvalsh(window.quadratic(affine.TRUTH).curvature)[0]
+    growth = growth_of_mu(excited_window(), farthest=20.0)
     return Check(
+        "V-A",
         "Proposition 1",
         "Excited: p* is the unique minimiser, mu(p) >= w alpha(|p - p*|).",
-        f"mu(p*) = {mu[0]:.1e}; over 200 points mu / |p - p*|^2 >= {ratio.min():.3f}, "
-        f"smallest eigenvalue of Q {bound:.3f}",
-        bool(mu[0] < 1e-12 and ratio.min() >= bound * (1.0 - 1e-6) and bound > 0.0),
+        f"mu(p*) = {growth.at_truth:.1e}; over 200 points mu / |p - p*|^2 >= {growth.least_ratio:.3f}, "
+        f"smallest eigenvalue of Q {growth.eigenvalue:.3f}",
+        growth.at_truth < 1e-12 and growth.least_ratio >= growth.eigenvalue * (1.0 - 1e-6) > 0.0,
     )
 
 
 def no_unique_minimiser() -> Check:
     """Proposition 1 without excitation: other points explain the output as well as p* does."""
     window = resting_window()
-    information = window.quadratic(affine.TRUTH).curvature
-    eigenvalues, vectors = np.linalg.eigh(information)
+    eigenvalues, vectors = np.linalg.eigh(window.information())
     other = affine.TRUTH + 5.0 * vectors[:, 0]
     mu = window.score(np.vstack([affine.TRUTH, other, affine.TRUTH + 5.0 * vectors[:, -1]])).mu
     return Check(
+        "V-A",
         "Proposition 1, not excited",
         "At rest under a constant input p* is not the only minimiser.",
         f"5 away from p* mu = {mu[1]:.1e} in one direction, {mu[2]:.1e} in another; "
-        f"eigenvalues of Q {_list(0.5 * eigenvalues)}",
+        f"eigenvalues of Q {_list(eigenvalues)}",
         bool(mu[1] < 1e-9 * mu[2]),
     )
 
@@ -125,6 +94,7 @@ def windowed_information() -> Check:
     disturbed = NonAffineRun(windows=10).run()
     other = [0.5 * float(np.linalg.eigvalsh(i.quadratic.curvature)[0]) for i in disturbed.iterations[1:]]
     return Check(
+        "V-A, V-B",
         "Assumption 2",
         "Persistently exciting: the smallest eigenvalue of the windowed information stays away from zero.",
         f"V-A {min(least):.3f} .. {max(least):.3f}, V-B {min(other):.2e} .. {max(other):.2e}",
@@ -132,47 +102,12 @@ def windowed_information() -> Check:
     )
 
 
-@dataclass(frozen=True)
-class OfflineRate:
-    """Offline gradient descent on V-A with a fixed alpha.
-
-    Attributes:
-        gap: mu_k - mu(p*), shape (passes,).
-        bound: right-hand side of Eq. (14), shape (passes,).
-        error: |p_k - p*|, shape (passes,).
-        steepest: what is left of the initial error in the direction of lambda_max(M), shape (passes,).
-    """
-
-    gap: FloatArray
-    bound: FloatArray
-    error: FloatArray
-    steepest: FloatArray
-
-
-def offline_rate(over: float = 1.0) -> OfflineRate:
-    """Run it with alpha = over / L."""
-    window = excited_window()
-    curvature = window.quadratic(affine.START).curvature
-    alpha = over / float(np.linalg.eigvalsh(curvature)[-1])
-    options = SearchOptions(direction="safe-gradient", gradient="gram", candidates=0, step_size=alpha)
-    search = GuidedSearch(window.system.space, N_MODELS, options, np.random.default_rng(0))
-    bank = SystemBank(window.system, N_MODELS, TIMESTEP_S)
-    iterations = run_offline([window.block], bank, search, OFFLINE_PASSES, affine.FORGETTING_RATE)
-    estimates = np.array([iteration.estimate for iteration in iterations])
-    k = np.arange(1, len(estimates) + 1)
-    gap = window.score(estimates).mu - window.score(affine.TRUTH[None]).mu[0]
-    bound = float(np.sum((affine.START - affine.TRUTH) ** 2)) / (2.0 * alpha * k)
-    steepest = np.linalg.eigh(curvature)[1][:, -1]
-    left = np.abs((estimates - affine.TRUTH) @ steepest) / abs(float((affine.START - affine.TRUTH) @ steepest))
-    error: FloatArray = np.linalg.norm(estimates - affine.TRUTH, axis=1)
-    return OfflineRate(np.asarray(gap), np.asarray(bound, dtype=np.float64), error, left)
-
-
 def proposition_2() -> Check:
     """Eq. (14) with alpha = 1/L."""
-    run = offline_rate()
+    run = offline_rate(excited_window(), OFFLINE_PASSES)
     gap, bound, error = run.gap, run.bound, run.error
     return Check(
+        "V-A",
         "Proposition 2, Eq. (14)",
         "Offline with alpha = 1/L: mu_k - mu* <= |p0 - p*|^2 / (2 alpha k).",
         f"largest ratio to the bound {np.max(gap / bound):.3f} over {len(gap)} passes, error {error[-1]:.1e} at last",
@@ -182,8 +117,9 @@ def proposition_2() -> Check:
 
 def edge_of_stability() -> Check:
     """Eq. (33) drops a factor 2: with alpha = 1 / lambda_max(M) = 2/L the error does not shrink."""
-    safe, edge = offline_rate(1.0).steepest[-1], offline_rate(2.0).steepest[-1]
+    safe, edge = (offline_rate(excited_window(), OFFLINE_PASSES, over).steepest[-1] for over in (1.0, 2.0))
     return Check(
+        "V-A",
         "Eq. (33)",
         "L = 2 lambda_max(M), not lambda_max(M): alpha = 1/lambda_max(M) is the edge of stability.",
         f"share of the error left in the steepest direction after {OFFLINE_PASSES} passes: {safe:.1e} with 1/L, "
@@ -198,6 +134,7 @@ def theorem_1() -> Check:
     errors = run.errors(affine.TRUTH)
     growth = np.max(errors[1:] / errors[:-1])
     return Check(
+        "V-A",
         "Theorem 1, Eq. (15)",
         "Online with alpha_i = 1/L_i the error never grows.",
         f"largest ratio of successive errors {growth:.4f} over {len(errors) - 1} windows",
@@ -212,6 +149,7 @@ def theorem_1_disturbed() -> Check:
     errors = run.errors(non_affine.TRUTH)
     grew = int(np.sum(errors[1:] > errors[:-1] * (1.0 + EDGE)))
     return Check(
+        "V-B",
         "Theorem 1 under disturbance",
         "The theorems assume mu_i(p*) = 0; V-B's noise breaks that, and the error does grow in some windows.",
         f"started at p*, the error grew in {grew} of {len(errors) - 1} windows, to {errors.max():.1e}",
@@ -224,6 +162,7 @@ def equality_counter_example() -> Check:
     before, lipschitz = np.array([3.0, -1.0]), 4.0
     after = before - (1.0 / lipschitz) * lipschitz * before  # p* = 0
     return Check(
+        "-",
         "Theorem 1, 'if and only if'",
         "p+ = p* does not imply equality in Eq. (15): Q = (L/2) I, alpha = 1/L.",
         f"|p-| = {np.linalg.norm(before):.2f}, |p+| = {np.linalg.norm(after):.2f}",
@@ -235,6 +174,7 @@ def theorem_2() -> Check:
     """Convergence online, on V-A."""
     errors = AffineRun(SAFE, windows=2 * ONLINE_WINDOWS).run().errors(affine.TRUTH)
     return Check(
+        "V-A",
         "Theorem 2",
         "Online with c < alpha_i <= 1/L_i the estimate converges to p*.",
         f"error {errors[0]:.1f} -> {errors[ONLINE_WINDOWS]:.1e} -> {errors[-1]:.1e} "
@@ -248,13 +188,10 @@ def continuity() -> Check:
     system = non_affine.non_affine_system()
     plant = non_affine.non_affine_plant(system, np.random.default_rng(0), noise=0.0, timestep_s=TIMESTEP_S)
     block = plant.run(non_affine.DWELL_S, non_affine.START).block
-    steps = 10.0 ** -np.arange(1, 7)
-    points = np.vstack([non_affine.START, non_affine.START + steps[:, None] * np.ones(3) / math.sqrt(3.0)])
-    bank = SystemBank(system, len(points), TIMESTEP_S)
-    roles = (Role.CENTRE, *[Role.SAMPLE] * len(steps))
-    mu = score_block(bank, Proposal(points, roles), block, non_affine.FORGETTING_RATE).mu
-    order = np.polyfit(np.log(steps), np.log(np.abs(mu[1:] - mu[0])), 1)[0]
+    windows = recorded(system, non_affine.TRUTH, non_affine.FORGETTING_RATE, block)
+    order = order_of_change(windows, non_affine.START)
     return Check(
+        "V-B",
         "Remark 2, Eq. (26)",
         "mu is continuous in p; the change is O(|dp|) (Eq. 26 has the square, which is wrong away from p*).",
         f"|mu(p + dp) - mu(p)| ~ |dp|^{order:.2f} for |dp| = 1e-1 .. 1e-6",
@@ -275,6 +212,7 @@ def quadratic_mu() -> Check:
     lipschitz = window.quadratic(affine.START).lipschitz
     ratio = lipschitz / (2.0 * float(np.linalg.eigvalsh(q)[-1]))
     return Check(
+        "V-A",
         "Remark 3, Eq. (13)",
         "Affine parameters: mu is quadratic with Q of Eq. (31), and L of Eq. (12) is 2 lambda_max(Q).",
         f"mu of 50 models against Q by quadrature: {worst:.1e} relative; L / (2 lambda_max(Q)) = {ratio:.6f}",
@@ -290,6 +228,7 @@ def bounded_lipschitz() -> Check:
         bounds[dwell_s] = max(i.quadratic.lipschitz for i in run.iterations) / dwell_s
     rates = list(bounds.values())
     return Check(
+        "V-A",
         "Remark 4",
         "L_i is bounded when the dwell time is: max L_i / T does not grow with T.",
         "max L_i / T = " + ", ".join(f"{value:.3f} (T = {dwell:g} s)" for dwell, value in bounds.items()),
@@ -300,13 +239,12 @@ def bounded_lipschitz() -> Check:
 def poor_case() -> Check:
     """Remark 6: where nothing is excited but a combination, the estimate improves and does not converge."""
     window = resting_window()
-    search = GuidedSearch(window.system.space, N_MODELS, SAFE, np.random.default_rng(0))
-    bank = SystemBank(window.system, N_MODELS, TIMESTEP_S)
-    iterations = run_offline([window.block], bank, search, 30, affine.FORGETTING_RATE)
+    iterations = window.offline(affine.START, 30)
     before = float(np.linalg.norm(affine.START - affine.TRUTH))
     after = float(np.linalg.norm(iterations[-1].estimate - affine.TRUTH))
     mu = [iteration.mu for iteration in iterations]
     return Check(
+        "V-A",
         "Remark 6",
         "Not excited, the search still improves on the initial guess without reaching p*.",
         f"error {before:.2f} -> {after:.2f}, mu {mu[0]:.1e} -> {mu[-1]:.1e}",
@@ -314,9 +252,9 @@ def poor_case() -> Check:
     )
 
 
-def regressor_information(window: Excited) -> FloatArray:
+def regressor_information(window: Windows) -> FloatArray:
     """Q of Eq. (31) by quadrature: g of Eq. (16) through the model's own error dynamics, not through its bank."""
-    block = window.block
+    (block,) = window.blocks
     x, u = block.measured[::2], np.append(block.control[:, 0], block.control[-1, 0])
     g = np.stack([np.sin(x.sum(axis=1)), np.exp(x[:, 0] + u), x[:, 0] ** 2 + x[:, 1]], axis=1)
     decay = math.exp(-affine.GAIN * block.timestep_s)

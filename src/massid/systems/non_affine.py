@@ -24,7 +24,9 @@ TRUTH = np.array([12.0, 2.0, 1.0])
 START = np.array([8.5, 2.7, 3.0])
 THETA = ((0.0, 20.0), (0.0, 4.0), (0.0, 4.0))
 MIRROR_THETA = ((0.0, 20.0), (0.0, 4.0), (-4.0, 4.0))
-"""Admits p3 < 0, where a second minimum lies near (13.19, 2.0005, -0.988)."""
+"""Admits p3 < 0, where mu has a second minimum."""
+MIRROR = np.array([13.19, 2.0005, -0.988])
+"""That minimum."""
 DWELL_S = 4.0
 NOISE, HOLD_S = 0.1, 1e-3
 GAIN = 50.0

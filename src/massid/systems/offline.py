@@ -10,20 +10,17 @@ from massid.search.bank import Bank
 from massid.search.guided import Iteration, SearchStatus
 from massid.search.monitoring import Monitoring
 from massid.search.proposal import Proposal
-from massid.systems.online import Search, score_block
-from massid.systems.system import MeasuredBlock
+from massid.systems.online import Block, Search, score_block
 
 
-def score_blocks(
-    bank: Bank[MeasuredBlock], proposal: Proposal, blocks: Sequence[MeasuredBlock], forgetting_rate: float
-) -> Monitoring:
+def score_blocks(bank: Bank[Block], proposal: Proposal, blocks: Sequence[Block], forgetting_rate: float) -> Monitoring:
     """Sum of the scores over recorded blocks; every block begins with a fresh state."""
     return reduce(add, (score_block(bank, proposal, block, forgetting_rate) for block in blocks))
 
 
 def run_offline(
-    blocks: Sequence[MeasuredBlock],
-    bank: Bank[MeasuredBlock],
+    blocks: Sequence[Block],
+    bank: Bank[Block],
     search: Search,
     passes: int,
     forgetting_rate: float,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from massid.search.proposal import Proposal
 from massid.systems.plant import Plant
 from massid.systems.system import MeasuredBlock
 from massid.typing import FloatArray
+
+Block = TypeVar("Block")
 
 
 class Search(Protocol):
@@ -68,9 +70,7 @@ class OnlineRun:
         return last if last < len(self.times_s) else None
 
 
-def score_block(
-    bank: Bank[MeasuredBlock], proposal: Proposal, block: MeasuredBlock, forgetting_rate: float
-) -> Monitoring:
+def score_block(bank: Bank[Block], proposal: Proposal, block: Block, forgetting_rate: float) -> Monitoring:
     """Simulate all points of a proposal over one block, from its beginning."""
     bank.place(proposal.points)
     bank.restart(block)
