@@ -15,8 +15,6 @@ from massid.paper.setting import (
     WINDOWS,
     NonAffineRun,
     Progress,
-    as_start,
-    random_starts,
     silent,
 )
 from massid.search.guided import GuidedSearch
@@ -127,7 +125,6 @@ class ComparisonCase:
     sampling: Contender
     zoom: float
     zooms: list[Zoom]
-    mirror_starts: tuple[int, int, int]
     costs: list[Cost]
 
 
@@ -157,16 +154,6 @@ def compare_zooms(progress: Progress = silent) -> list[Zoom]:
                 )
             )
     return rows
-
-
-def mirror_starts(starts: int = 30) -> tuple[int, int, int]:
-    """Random starts in a Theta that admits p3 < 0: guided runs that found p*, that found the mirror, and all."""
-    found = mirrored = 0
-    for i, start in enumerate(random_starts(starts, non_affine.MIRROR_THETA)):
-        run = NonAffineRun(start=as_start(start), seed=i, windows=15, theta=non_affine.MIRROR_THETA).run()
-        found += bool(run.errors(non_affine.TRUTH)[-1] < 0.05)
-        mirrored += bool(np.linalg.norm(run.estimates[-1] - non_affine.MIRROR) < 0.1)
-    return found, mirrored, starts
 
 
 def measure_costs(windows: int = 8) -> list[Cost]:
@@ -239,7 +226,7 @@ def _score_in_parts(bank: SystemBank, sampling: DynamicSampling, block: Measured
 
 
 def run_comparison_case(progress: Progress = silent) -> ComparisonCase:
-    """Run both methods for 170 s, the zoom factors, the mirror starts and the costs."""
+    """Run both methods for 170 s, the zoom factors and the costs."""
     NonAffineRun(windows=1).run()  # compiles what both methods run, so that neither pays for it
     zooms = compare_zooms(lambda fraction, what: progress(0.5 * fraction, what))
     own_theta = [row for row in zooms if not row.mirrored]
@@ -247,7 +234,5 @@ def run_comparison_case(progress: Progress = silent) -> ComparisonCase:
     progress(0.6, "Table I")
     guided = Contender.of(N_MODELS, NonAffineRun(windows=WINDOWS, search=DEFAULT).run())
     sampling = Contender.of(PER_AXIS**3, run_sampling(zoom))
-    progress(0.7, "random starts, p3 < 0")
-    mirrored = mirror_starts()
     progress(0.8, "cost against the number of unknowns")
-    return ComparisonCase(guided, sampling, zoom, zooms, mirrored, measure_costs())
+    return ComparisonCase(guided, sampling, zoom, zooms, measure_costs())

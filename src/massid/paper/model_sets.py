@@ -10,6 +10,7 @@ from massid.paper.setting import CONVERGED, N_MODELS, SETTLED, WINDOWS, NonAffin
 from massid.search.guided import SearchOptions
 from massid.systems import non_affine
 from massid.systems.online import OnlineRun
+from massid.typing import FloatArray
 
 STARTS = 30
 START_WINDOWS = 12
@@ -46,6 +47,25 @@ class ModelSetOutcome:
     shaken: float
 
 
+@dataclass(frozen=True)
+class MirrorOutcome:
+    """Random starts in a Theta that admits p3 < 0, with a scan.
+
+    Attributes:
+        n_models: size of the bank.
+        scan: the parameters that are scanned.
+        found: starts that found p*.
+        mirrored: starts that found the mirror minimum.
+        starts: how many there were.
+    """
+
+    n_models: int
+    scan: tuple[str, ...]
+    found: int
+    mirrored: int
+    starts: int
+
+
 def settled_error(run: OnlineRun) -> float:
     """Root mean square error over the windows after the first few."""
     return float(np.sqrt(np.mean(run.errors(non_affine.TRUTH)[SETTLED:] ** 2)))
@@ -59,26 +79,43 @@ def compare_model_sets(starts: int = STARTS) -> list[ModelSetOutcome]:
 def _outcome(n_models: int, kept: int, guesses: int, starts: int) -> ModelSetOutcome:
     search = SearchOptions(kept=kept, candidates=max(SearchOptions().candidates, guesses - 1))
     base = NonAffineRun(search=search, n_models=n_models, guesses=guesses)
-    ends = {
-        theta: np.array(
-            [
-                replace(base, start=as_start(start), seed=i, windows=START_WINDOWS, theta=theta).run().estimates[-1]
-                for i, start in enumerate(random_starts(starts, theta))
-            ]
-        )
-        for theta in (non_affine.THETA, non_affine.MIRROR_THETA)
-    }
-    misses = {theta: np.linalg.norm(points - non_affine.TRUTH, axis=1) for theta, points in ends.items()}
-    mirror = np.linalg.norm(ends[non_affine.MIRROR_THETA] - non_affine.MIRROR, axis=1)
+    inside = _ends(base, non_affine.THETA, starts)
+    mirror = _ends(base, non_affine.MIRROR_THETA, starts)
     long = replace(base, windows=WINDOWS)
     return ModelSetOutcome(
         n_models=n_models,
         kept=kept,
         guesses=guesses,
-        converged=int(np.sum(misses[non_affine.THETA] < CONVERGED)),
-        found=int(np.sum(misses[non_affine.MIRROR_THETA] < CONVERGED)),
-        mirrored=int(np.sum(mirror < CONVERGED)),
+        converged=_count_near(inside, non_affine.TRUTH),
+        found=_count_near(mirror, non_affine.TRUTH),
+        mirrored=_count_near(mirror, non_affine.MIRROR),
         starts=starts,
         error=settled_error(long.run()),
         shaken=settled_error(replace(long, noise=SHAKEN * non_affine.NOISE).run()),
     )
+
+
+def compare_mirror_scans(starts: int = STARTS) -> list[MirrorOutcome]:
+    """Banks of several sizes that scan p2, or p2 and p3, where Theta admits p3 < 0."""
+    rows = []
+    for scan in (("p2",), ("p2", "p3")):
+        for n_models in (N_MODELS, 18, 36):
+            base = NonAffineRun(search=SearchOptions(scan=scan), n_models=n_models)
+            ends = _ends(base, non_affine.MIRROR_THETA, starts)
+            found, mirrored = (_count_near(ends, point) for point in (non_affine.TRUTH, non_affine.MIRROR))
+            rows.append(MirrorOutcome(n_models, scan, found, mirrored, starts))
+    return rows
+
+
+def _ends(base: NonAffineRun, theta: tuple[tuple[float, float], ...], starts: int) -> FloatArray:
+    """Where random starts in Theta end, shape (starts, 3)."""
+    return np.array(
+        [
+            replace(base, start=as_start(start), seed=i, windows=START_WINDOWS, theta=theta).run().estimates[-1]
+            for i, start in enumerate(random_starts(starts, theta))
+        ]
+    )
+
+
+def _count_near(points: FloatArray, place: FloatArray) -> int:
+    return int(np.sum(np.linalg.norm(points - place, axis=1) < CONVERGED))

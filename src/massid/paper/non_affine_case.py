@@ -6,7 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massid.paper.model_sets import ModelSetOutcome, compare_model_sets, settled_error
+from massid.paper.model_sets import (
+    MirrorOutcome,
+    ModelSetOutcome,
+    compare_mirror_scans,
+    compare_model_sets,
+    settled_error,
+)
 from massid.paper.paper_direction import PaperDirectionCase, run_paper_direction_case
 from massid.paper.setting import (
     CONVERGED,
@@ -278,6 +284,7 @@ class NonAffineCase:
     sensitivity: list[tuple[str, int | None, float]]
     scans: list[ScanOutcome]
     model_sets: list[ModelSetOutcome]
+    mirror_scans: list[MirrorOutcome]
     output: OnlineRun
     drift: Drift
 
@@ -302,6 +309,7 @@ def run_non_affine_case(progress: Progress = silent) -> NonAffineCase:
         sensitivity=sensitivity(),
         scans=compare_scans(),
         model_sets=model_sets,
+        mirror_scans=compare_mirror_scans(),
         output=run_from_output(),
         drift=drift(),
     )
