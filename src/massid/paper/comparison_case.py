@@ -86,11 +86,11 @@ class Cost:
     Attributes:
         n_p: number of unknowns.
         guided_models: of the guided search, 3 n_p.
-        guided_s: least wall time of one window, plant left out [s].
+        guided_s: least processor time of one window, plant left out [s].
         guided_windows: until |p - p*| per copy is below 0.01; None if it is not within the run.
         window_steps: model steps of one window of the guided search.
         grid_models: 4^n_p.
-        grid_s: wall time of one window of the grid [s]; None where it was not run.
+        grid_s: processor time of one window of the grid [s]; None where it was not run.
     """
 
     n_p: int
@@ -108,7 +108,7 @@ class Cost:
 
     @property
     def copy_step_s(self) -> float:
-        """Wall time of one step of one copy in one model [s]."""
+        """Processor time of one step of one copy in one model [s]."""
         return self.guided_s / (self.window_steps * self.n_p / 3)
 
 
@@ -182,18 +182,18 @@ def _cost(copies: int, windows: int) -> Cost:
     spent, errors = [], []
     for _ in range(windows):
         block = plant.run(non_affine.DWELL_S, search.estimate).block
-        started = time.perf_counter()
+        started = time.process_time()
         search.tell(score_block(bank, search.ask(), block, non_affine.FORGETTING_RATE))
-        spent.append(time.perf_counter() - started)
+        spent.append(time.process_time() - started)
         errors.append(float(np.linalg.norm(search.estimate - np.tile(non_affine.TRUTH, copies))))
     below = [k + 1 for k, error in enumerate(errors) if error < 0.01 * np.sqrt(copies)]
     grid_s = None
     if copies <= LARGEST_GRID_COPIES:
         sampling = DynamicSampling(system.space, PER_AXIS)
         grid = SystemBank(system, sampling.n_models, TIMESTEP_S)
-        started = time.perf_counter()
+        started = time.process_time()
         sampling.tell(_score_in_parts(grid, sampling, block))
-        grid_s = time.perf_counter() - started
+        grid_s = time.process_time() - started
     return Cost(
         n_p=n_p,
         guided_models=3 * n_p,

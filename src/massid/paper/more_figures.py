@@ -52,6 +52,7 @@ def draw_costs(case: ComparisonCase, path: Path) -> None:
             color=GUIDED,
             label="of one window: $n_p^{1.00}$",
         )
+        axes[1].set_ylim(1e4, 1e6)
         axes[1].set_title("Model steps until 0.01 per copy")
         axes[2].loglog(n_p, [cost.guided_s for cost in case.costs], "-o", color=GUIDED, label="guided")
         per_copy_step = [cost.grid_s / cost.grid_models / cost.n_p for cost in run if cost.grid_s is not None]
@@ -65,7 +66,7 @@ def draw_costs(case: ComparisonCase, path: Path) -> None:
             label="grid, extrapolated",
         )
         axes[2].loglog([cost.n_p for cost in run], [cost.grid_s for cost in run], "-s", color=GRID, label="grid, run")
-        axes[2].set_title("Time of one dwell window [s]")
+        axes[2].set_title("Processor time of one dwell window [s]")
         for axis in axes:
             axis.set_xlabel("unknowns $n_p$ (copies of V-B)")
             axis.set_xticks(n_p, [str(n) for n in n_p])
