@@ -13,7 +13,7 @@ from massid.identify import IdentifyOptions, identify_online
 from massid.log import read_walk
 from massid.log.walk import Walk
 from massid.paper.recorded import Check
-from massid.paper.setting import Progress, silent
+from massid.paper.setting import DIRECTION_NAMES, Progress, silent
 from massid.paper.walk_drift import WalkDrift, run_walk_drift
 from massid.paper.walk_theory import WalkTheory
 from massid.plant import record_walk, truth_path
@@ -23,7 +23,6 @@ from massid.search.directions import DirectionName
 from massid.search.guided import SearchOptions
 from massid.typing import FloatArray
 
-DIRECTIONS: tuple[DirectionName, ...] = ("gauss-newton", "gradient", "plain-gradient", "bfgs")
 THRESHOLD_KG = 0.5
 
 
@@ -98,8 +97,8 @@ def run_humanoid_case(
     options = IdentifyOptions(seed=seed)
     initial = float(np.linalg.norm([truth.mass_kg[link] - robot.nominal_mass_kg(link) for link in links]))
     errors = {}
-    for i, name in enumerate(DIRECTIONS):
-        progress(0.3 + 0.2 * i / len(DIRECTIONS), f"masses, {name}")
+    for i, name in enumerate(DIRECTION_NAMES):
+        progress(0.3 + 0.2 * i / len(DIRECTION_NAMES), f"masses, {name}")
         result = identify_online(walk, robot, space, replace(options, search=SearchOptions(direction=name)))
         l2 = np.concatenate([[initial], score(result, truth).l2_error_kg])
         times = np.array([0.0, *(window.time_s for window in result.windows)])
