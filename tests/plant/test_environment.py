@@ -156,6 +156,14 @@ def test_variant_changes_integrator_and_friction(atlas: Robot) -> None:
     np.testing.assert_array_equal(world.dof_frictionloss, changed.model.dof_frictionloss)
 
 
+def test_variant_takes_friction_by_joint(atlas: Robot) -> None:
+    some = variant(variant(atlas, friction_loss_nm=1.0), friction_loss_nm={"l_leg_kny": 5.0})
+    assert some.model.joint("l_leg_kny").frictionloss[0] == 5.0
+    assert some.model.joint("r_leg_kny").frictionloss[0] == 1.0
+    with pytest.raises(ModelError, match="no joint named 'l_leg_knee'"):
+        variant(atlas, friction_loss_nm={"l_leg_knee": 5.0})
+
+
 def test_foot_loads_are_those_of_the_engine(atlas: Robot) -> None:
     environment = make_environment(atlas, options=PlantOptions(feet=("l_foot", "r_foot")))
     environment.reset()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 
 import mujoco
 import numpy as np
 
-from massid.errors import ModelError
+from massid.errors import ModelError, unknown_name
 from massid.robot import Robot
 from massid.walking.morphology import torque_limits
 
@@ -27,20 +28,31 @@ _INTEGRATORS = {
 }
 
 
-def variant(robot: Robot, integrator: Integrator | None = None, friction_loss_nm: float | None = None) -> Robot:
+def variant(
+    robot: Robot, integrator: Integrator | None = None, friction_loss_nm: float | Mapping[str, float] | None = None
+) -> Robot:
     """Return the robot with another integrator, or with dry friction in every joint.
 
     Args:
         robot: not changed.
         integrator: None for that of the file.
-        friction_loss_nm: of every one-axis joint [N m or N]; None for what the file says.
+        friction_loss_nm: of every one-axis joint, or by joint [N m or N]; None for what the file says, as for joints
+            that are not named.
+
+    Raises:
+        ModelError: no such joint.
     """
     spec = robot.spec.copy()
     if integrator is not None:
         spec.option.integrator = _INTEGRATORS[integrator]
     if friction_loss_nm is not None:
-        for name in robot.joint_names:
-            spec.joint(name).frictionloss = friction_loss_nm
+        by_joint = friction_loss_nm
+        if not isinstance(by_joint, Mapping):
+            by_joint = dict.fromkeys(robot.joint_names, by_joint)
+        for name, loss_nm in by_joint.items():
+            if name not in robot.joint_names:
+                raise ModelError(unknown_name("joint", name, robot.joint_names, robot.source))
+            spec.joint(name).frictionloss = loss_nm
     return Robot(spec, robot.source)
 
 

@@ -1,0 +1,86 @@
+"""One measurement of the benchmark, named by what it was made with, and the file that keeps those made so far."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from massid.noise import NoisePreset
+
+Part = Literal["accuracy", "coverage", "wrong", "lengths", "speed"]
+Method = Literal["online", "offline", "bound", "least-squares", "sysid", "sysid-observer"]
+Friction = Literal["none", "0.1", "5%"]
+Fault = Literal["none", "com", "inertia", "friction", "links"]
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is measured, on which walk, through which sensors.
+
+    Attributes:
+        part: of the benchmark.
+        method: what weighs the robot, or bounds it.
+        robot: a shipped one.
+        preset: sensor noise.
+        friction: friction loss of every joint in truth and model: N m, or a share of the joint's torque limit.
+        other_links: relative standard deviation of the masses of links that are not asked for, in truth and belief.
+        seconds: of walking.
+        seed: of masses, gait, sensors and search.
+        fault: what else is wrong in the model.
+    """
+
+    part: Part
+    method: Method
+    robot: str
+    preset: NoisePreset
+    friction: Friction
+    other_links: float
+    seconds: float
+    seed: int
+    fault: Fault = "none"
+
+    @property
+    def believed_other_links(self) -> float:
+        """What is believed of links that are not asked for; with a wrong model, what is the default."""
+        return 0.02 if self.part == "wrong" else self.other_links
+
+
+class Ledger:
+    """A file with one finished case a line: what was measured survives whatever happens later.
+
+    Args:
+        path: made if it does not exist; a last line that was cut off is dropped.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._results: dict[Case, dict[str, Any]] = {}
+        lines = path.read_text().splitlines() if path.exists() else []
+        for line in lines:
+            try:
+                entry = json.loads(line)
+            except ValueError:
+                continue
+            self._results[Case(**entry["case"])] = entry["result"]
+        path.write_text("".join(_line(case, result) for case, result in self._results.items()))
+
+    def missing(self, cases: Iterable[Case]) -> list[Case]:
+        """Those not measured yet, in order."""
+        return [case for case in cases if case not in self._results]
+
+    def add(self, case: Case, result: dict[str, Any]) -> None:
+        """Keep a result."""
+        self._results[case] = result
+        with self._path.open("a") as file:
+            file.write(_line(case, result))
+
+    def rows(self, part: Part) -> Iterator[tuple[Case, dict[str, Any]]]:
+        """Results of one part."""
+        return ((case, result) for case, result in self._results.items() if case.part == part)
+
+
+def _line(case: Case, result: dict[str, Any]) -> str:
+    return json.dumps({"case": asdict(case), "result": result}) + "\n"

@@ -1,0 +1,142 @@
+"""Sums up what was measured."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from accuracy.case import Case
+
+Rows = Iterable[tuple[Case, dict[str, Any]]]
+OURS = ("online", "offline")
+Group = tuple[Any, ...]
+
+
+def accuracy_table(rows: Rows) -> Table:
+    """Errors of all methods beside the bound, a row for each problem."""
+    groups = _grouped(rows, ("preset", "robot", "friction", "other_links", "seconds"))
+    table = Table(title="Root mean square L2 error [kg]")
+    for name in (
+        *("preset", "robot", "friction", "others", "s", "method", "runs", "ours", "said", "bound", "ratio"),
+        *("bound, no gate", "in 95 %", "chi2", "inflation", "wall [s]", "LS best", "LS chosen", "sysid", "observer"),
+    ):
+        table.add_column(name, justify="right")
+    for key, found in groups.items():
+        bound = _rms(found["bound"], "gated_l2_kg")
+        squares, chosen, baselines = _least_squares(found["least-squares"]), _rms(found["least-squares"], "l2_kg"), []
+        baselines = [squares, _number(chosen), *(_number(_rms(found[m], "l2_kg")) for m in ("sysid", "sysid-observer"))]
+        for method in [m for m in OURS if found[m]] or ["-"]:
+            ours = [result for result in found[method] if "l2_kg" in result]
+            error = _rms(ours, "l2_kg")
+            said = [float(np.linalg.norm(result["std_kg"])) for result in ours if "std_kg" in result]
+            table.add_row(
+                *(str(part) for part in key),
+                method,
+                f"{len(ours)}/{len(found[method])}",
+                _number(error),
+                _number(float(np.sqrt(np.mean(np.square(said)))) if said else None),
+                _number(bound),
+                _number(error / bound if error is not None and bound else None),
+                _number(_rms(found["bound"], "open_l2_kg")),
+                _hits(ours),
+                *(_number(_mean(ours, name)) for name in ("chi2_per_sample", "inflation", "wall_s")),
+                *baselines,
+            )
+    return table
+
+
+def coverage_table(rows: Rows) -> Table:
+    """How often the truth lay within the 95 % intervals: pooled, and the link where it was so least."""
+    table = Table("preset", "robot", "friction", "method", "walks", "pooled", "worst link", title="Coverage")
+    for (*key, method), found in _grouped(rows, ("preset", "robot", "friction", "method"), by_method=False).items():
+        hits = np.array([result["hits"] for result in found["all"] if "hits" in result])
+        if not len(hits):
+            continue
+        links = next(result["links"] for result in found["all"] if "hits" in result)
+        worst = int(np.argmin(hits.mean(axis=0)))
+        share = hits.mean(axis=0)[worst]
+        table.add_row(*map(str, key), method, str(len(hits)), f"{hits.mean():.1%}", f"{share:.1%} ({links[worst]})")
+    return table
+
+
+def wrong_table(rows: Rows) -> Table:
+    """Errors with a wrong model, and whether the result owns up to it."""
+    table = Table("preset", "robot", "wrong", "method", "runs", "RMS L2 [kg]", "said [kg]", title="Wrong models")
+    for name in ("in 95 %", "truth in ellipsoid", "warned", "either"):
+        table.add_column(name, justify="right")
+    for key, found in _grouped(rows, ("preset", "robot", "fault", "method"), by_method=False).items():
+        done = [result for result in found["all"] if "hits" in result]
+        inside = [bool(result["inside_ellipsoid"]) for result in done]
+        warned = [bool(result["warnings"]) or result["status"] == "not identifiable" for result in done]
+        said = [float(np.sum(np.square(result["std_kg"]))) for result in done]
+        table.add_row(
+            *map(str, key),
+            f"{len(done)}/{len(found['all'])}",
+            _number(_rms(done, "l2_kg")),
+            _number(float(np.sqrt(np.mean(said))) if said else None),
+            _hits(done),
+            *(f"{sum(flags)}/{len(done)}" for flags in (inside, warned, np.logical_or(inside, warned).tolist())),
+        )
+    return table
+
+
+def speed_table(rows: Rows) -> Table:
+    """Wall time and error on one clean log."""
+    table = Table(
+        "robot", "s", "seed", "method", "L2 [kg]", "wall [s]", title="Time on a clean log, one after the other"
+    )
+    for case, result in rows:
+        table.add_row(
+            case.robot, f"{case.seconds:g}", str(case.seed), case.method,
+            _number(result.get("l2_kg")), _number(result.get("wall_s")),
+        )  # fmt: skip
+    return table
+
+
+def problems(rows: Rows) -> list[str]:
+    """The unknowns and priors of every bound, by preset and robot."""
+    named = {(case.preset, case.robot, case.other_links): result.get("problem") for case, result in rows}
+    return [f"{preset}, {robot}: {problem}" for (preset, robot, _), problem in named.items() if problem]
+
+
+def _grouped(
+    rows: Rows, names: tuple[str, ...], by_method: bool = True
+) -> dict[Group, dict[str, list[dict[str, Any]]]]:
+    groups: dict[Group, dict[str, list[dict[str, Any]]]] = defaultdict(lambda: defaultdict(list))
+    for case, result in rows:
+        groups[tuple(getattr(case, name) for name in names)][case.method if by_method else "all"].append(result)
+    return dict(sorted(groups.items(), key=lambda item: tuple(map(str, item[0]))))
+
+
+def _least_squares(results: list[dict[str, Any]]) -> str:
+    """Smallest error that one cut-off for all walks reaches, which takes the truth to know."""
+    tables = [result["by_cutoff"] for result in results if "by_cutoff" in result]
+    common = set.intersection(*(set(table) for table in tables)) if tables else set()
+    if not common:
+        return "-"
+    errors = {cutoff: float(np.sqrt(np.mean([table[cutoff] ** 2 for table in tables]))) for cutoff in common}
+    best = min(errors, key=lambda cutoff: errors[cutoff])
+    return f"{errors[best]:.3g} ({best} Hz)"
+
+
+def _rms(results: list[dict[str, Any]], name: str) -> float | None:
+    values = [result[name] for result in results if name in result]
+    return float(np.sqrt(np.mean(np.square(values)))) if values else None
+
+
+def _mean(results: list[dict[str, Any]], name: str) -> float | None:
+    values = [result[name] for result in results if name in result]
+    return float(np.mean(values)) if values else None
+
+
+def _hits(results: list[dict[str, Any]]) -> str:
+    hits = [hit for result in results for hit in result.get("hits", [])]
+    return f"{np.mean(hits):.0%}" if hits else "-"
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.3g}"

@@ -1,0 +1,157 @@
+"""How well the masses are known under sensor noise: our error, its interval, the bound, and what others get.
+
+    python scripts/bench_accuracy.py --json accuracy.jsonl
+    python scripts/bench_accuracy.py --json accuracy.jsonl --robots atlas --presets white --seeds 2 --sysid
+    python scripts/bench_accuracy.py --json accuracy.jsonl --seeds 0 --coverage 100 --wrong-models 20
+
+Every finished case is added to --json at once, one a line, and a rerun takes up what is missing. Walks are recorded
+once into --logs, each with masses, steps and sensors of its own seed. The estimator is told the noise preset and what
+is believed of other links; the bound and least squares get the same unknowns and priors. Friction loss is in truth and
+model alike. In the table, `bound` takes it as known that the wrench on a foot in the air is zero, `no gate` does not.
+docs/accuracy.md says more.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+import tyro
+from rich.console import Console
+
+from accuracy.case import Case, Fault, Friction, Ledger, Method
+from accuracy.methods import measure
+from accuracy.sysid import load_sysid
+from accuracy.tables import accuracy_table, coverage_table, problems, speed_table, wrong_table
+from accuracy.walks import prepare
+from massid.errors import MassidError
+from massid.noise import NoisePreset
+
+FAULTS: tuple[Fault, ...] = ("com", "inertia", "friction", "links")
+SPEED_SECONDS = 20.0
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Measure errors, intervals, the bound and other methods."""
+
+    json: Path
+    """File of finished cases, one a line."""
+    logs: Path = Path("bench_accuracy_logs")
+    """Folder of the walks without noise."""
+    robots: tuple[str, ...] = ("atlas", "light", "heavy")
+    """Shipped robots."""
+    presets: tuple[NoisePreset, ...] = ("white", "realistic")
+    """Sensor noise."""
+    friction: tuple[Friction, ...] = ("none", "0.1", "5%")
+    """Friction loss of every joint: none, 0.1 N m, 5 % of the torque limit."""
+    seeds: int = 20
+    """Walks of each problem; 0 for other parts only."""
+    seconds: float = 10.0
+    """Length of each walk [s]."""
+    mode: Literal["online", "offline"] = "online"
+    """How our estimator sees the log."""
+    other_links: float = 0.0
+    """Relative deviation of the masses of links that are not asked for, in truth and belief."""
+    baselines: bool = True
+    """Also the bound and least squares."""
+    bound_seeds: int = 20
+    """Walks of each problem for which the bound is computed at most."""
+    sysid: bool = False
+    """Also mujoco.sysid, and its time against ours on a clean log of 20 s."""
+    coverage: int = 0
+    """Walks for the coverage of the intervals."""
+    coverage_seconds: float = 5.0
+    """Length of these [s]."""
+    wrong_models: int = 0
+    """Walks with each kind of wrong model."""
+    lengths: tuple[float, ...] = ()
+    """Seconds of walking to compare."""
+
+
+def main(bench: Bench) -> None:
+    """Measure what is missing and print the tables."""
+    console = Console(highlight=False, width=220)
+    if bench.sysid:
+        load_sysid()
+    bench.logs.mkdir(parents=True, exist_ok=True)
+    ledger = Ledger(bench.json)
+    cases = ledger.missing([*accuracy_cases(bench), *other_cases(bench)])
+    for number, case in enumerate(cases, start=1):
+        started = time.perf_counter()
+        result = run(case, bench)
+        ledger.add(case, result)
+        said = result.get("error") or f"{result.get('l2_kg', result.get('gated_l2_kg')):.3g} kg"
+        name = f"{case.part} {case.robot} {case.preset} {case.friction} {case.fault} {case.seconds:g} s #{case.seed}"
+        console.print(f"{number}/{len(cases)} {name} {case.method}: {said} ({time.perf_counter() - started:.0f} s)")
+    print_tables(ledger, console)
+
+
+def run(case: Case, bench: Bench) -> dict[str, Any]:
+    """Measure one case; what a method refuses is a result, too."""
+    recorded_s = max((case.seconds, *bench.lengths)) if case.part == "lengths" else case.seconds
+    given = prepare(case, bench.logs, recorded_s)
+    try:
+        return measure(case, given)
+    except MassidError as error:
+        return {"error": str(error)}
+
+
+def accuracy_cases(bench: Bench) -> list[Case]:
+    """Every method on every walk of every problem; seeds come last, so that an early end leaves whole rounds."""
+    methods: list[Method] = [bench.mode]
+    if bench.baselines:
+        methods += ["bound", "least-squares"]
+    if bench.sysid:
+        methods += ["sysid", "sysid-observer"]
+    problems_ = product(range(bench.seeds), bench.robots, bench.presets, bench.friction, methods)
+    return [
+        Case("accuracy", method, robot, preset, friction, bench.other_links, bench.seconds, seed)
+        for seed, robot, preset, friction, method in problems_
+        if method != "bound" or seed < bench.bound_seeds
+    ]
+
+
+def other_cases(bench: Bench) -> list[Case]:
+    """Coverage, wrong models, lengths, speed."""
+    cases: list[Case] = []
+    settings = list(product(bench.robots, bench.presets))
+    for seed, (robot, preset) in product(range(bench.coverage), settings):
+        seconds = bench.coverage_seconds
+        cases.append(Case("coverage", bench.mode, robot, preset, "none", bench.other_links, seconds, seed))
+    for seed, (robot, preset), fault in product(range(bench.wrong_models), settings, FAULTS):
+        off = 0.02 if fault == "links" else 0.0
+        cases.append(Case("wrong", bench.mode, robot, preset, "none", off, bench.seconds, seed, fault))
+    if bench.lengths:
+        both: tuple[Method, ...] = (bench.mode, "bound")
+        for seed, (robot, preset), seconds, method in product(range(bench.seeds), settings, bench.lengths, both):
+            cases.append(Case("lengths", method, robot, preset, "none", bench.other_links, seconds, seed))
+    if bench.sysid:
+        for robot, method in product(bench.robots, (bench.mode, "sysid", "sysid-observer")):
+            cases.append(Case("speed", method, robot, "clean", "none", 0.0, SPEED_SECONDS, 0))
+    return cases
+
+
+def print_tables(ledger: Ledger, console: Console) -> None:
+    """Print whatever was measured."""
+    for part, table in (("accuracy", accuracy_table), ("lengths", accuracy_table), ("coverage", coverage_table)):
+        if any(ledger.rows(part)):
+            console.print(table(ledger.rows(part)))
+    if any(ledger.rows("wrong")):
+        console.print(wrong_table(ledger.rows("wrong")))
+    if any(ledger.rows("speed")):
+        console.print(speed_table(ledger.rows("speed")))
+    for line in problems(ledger.rows("accuracy")):
+        console.print(f"bound and least squares: {line}")
+
+
+if __name__ == "__main__":
+    try:
+        main(tyro.cli(Bench, description=__doc__))
+    except MassidError as error:
+        sys.stderr.write(f"bench_accuracy: error: {error}\n")
+        sys.exit(error.exit_code)
