@@ -23,6 +23,8 @@ SMOOTHING_S = 0.02
 _STRETCH_S = 0.25
 _LEAST_STRETCH = 24
 _RIDGE = 1e-10
+LEAST_MASS = 0.05
+"""Fitted masses stay above this share of the nominal ones: what the log does not reveal may come out negative."""
 
 
 @dataclass(frozen=True)
@@ -161,6 +163,21 @@ def measure_balance(robot: Robot, walk: Walk, margin: int = 0, steps: int = 1500
     smoothing = max(3, min(round(SMOOTHING_S / walk.timestep_s), min(len(s) for s in stretches) // 2))
     segments = tuple(Segment(a, b) for a, b in pairwise(edges))
     return Balance(rows, segments, required, per_link, links, jacobian, rotation, weight, smoothing)
+
+
+def fitted_model(robot: Robot, walk: Walk, balance: Balance) -> mujoco.MjModel:
+    """The identification model with the masses that fit a walk's balance best."""
+    relative = balance.fitted_masses(balance.effort(walk, robot) + balance.wrench(walk))
+    model = robot.identification_model(walk.contact_bodies)
+    model.opt.timestep = walk.timestep_s
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
+    for link, error in zip(balance.links, relative, strict=True):
+        body = model.body(link).id
+        factor = max(LEAST_MASS, 1.0 + float(error))
+        model.body_mass[body] *= factor
+        model.body_inertia[body] *= factor
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
 
 
 def _per_link(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from massid.audit.balance import Balance
+from massid.audit.balance import Balance, fitted_model
 from massid.log.walk import Walk
 from massid.robot import Robot
 from massid.typing import FloatArray
@@ -38,17 +38,10 @@ def one_step_residual(robot: Robot, walk: Walk, balance: Balance) -> OneStep:
         walk: aligned with the robot.
         balance: of this walk.
     """
-    relative = balance.fitted_masses(balance.effort(walk, robot) + balance.wrench(walk))
     model = robot.identification_model(walk.contact_bodies)
     model.opt.timestep = walk.timestep_s
     nominal = _residual(robot, walk, balance, model)
-    for link, error in zip(balance.links, relative, strict=True):
-        body = model.body(link).id
-        factor = max(0.05, 1.0 + float(error))
-        model.body_mass[body] *= factor
-        model.body_inertia[body] *= factor
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-    fitted = _residual(robot, walk, balance, model)
+    fitted = _residual(robot, walk, balance, fitted_model(robot, walk, balance))
     joints = robot.layout.joint_dof
     qvel = robot.layout.to_qvel(walk.qvel)
     change = qvel[balance.rows + 1] - qvel[balance.rows]

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from massid.audit.inner_steps import FACTOR, with_inner_steps
 from massid.audit.report import Audit, audit_walk
 from massid.errors import BadInputError, LogError
 from massid.log import TopicMap, Walk, read_walk
@@ -75,7 +76,14 @@ def prepare_walk(
         raise LogError(
             f"{walk.source}: nothing usable is left: {audit.warnings[-1] if audit.warnings else 'no samples'}"
         )
-    ready = replace(audit.walk, warnings=(*audit.walk.warnings, *notes, *audit.warnings))
+    ready = audit.walk
+    if factor == FACTOR and (inner := with_inner_steps(robot, walk, ready)) is not None:
+        ready = inner
+        notes += (
+            f"{walk.source}: states between samples and the change of the forces within a period were reconstructed "
+            "as for a simulated log, whose steps end with the velocity that they move with.",
+        )
+    ready = replace(ready, warnings=(*audit.walk.warnings, *notes, *audit.warnings))
     return Prepared(ready, robot, audit)
 
 

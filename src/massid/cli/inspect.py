@@ -95,7 +95,7 @@ class Inspect:
                 f"{len(walk.segments)} segments; base {walk.root_body}, {len(walk.joint_names)} joints",
                 *(
                     f"{body}: loaded {weight.loaded[body]:.0%} of the time, {weight.stances[body]} stances"
-                    for body in walk.contact_bodies
+                    for body in weight.loaded
                 ),
             ],
         )

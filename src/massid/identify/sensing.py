@@ -11,6 +11,7 @@ from massid.audit.balance import measure_balance
 from massid.audit.one_step import one_step_residual
 from massid.identify.options import IdentifyOptions
 from massid.log.walk import Walk
+from massid.log.white_noise import white_level
 from massid.noise import PRESETS, SensorNoise
 from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.robot import Robot
@@ -20,11 +21,6 @@ CLEAN_VELOCITY = 1e-4
 """A log whose joint velocities have less white noise than this [rad/s] is taken for one without noise."""
 LEAST_SHARE = 0.01
 """Least noise of a state in a log with noise, as a share of `white`."""
-_THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)
-_QUIET_QUANTILE, _QUIET_NORMAL = 0.25, 0.31864
-"""The quarter of the samples that change least, and that quantile of |N(0, 1)|."""
-_FEWEST_FLIPS = 0.65
-"""Third differences of white noise change sign 77 % of the time (correlation -3/4), those of a motion hardly ever."""
 
 
 def resolve_noise(walk: Walk, robot: Robot, options: IdentifyOptions) -> SensorNoise | None:
@@ -67,23 +63,18 @@ def _largest_velocity_noise(robot: Robot, walk: Walk) -> float:
 
 
 def estimate_white_noise(walk: Walk) -> SensorNoise:
-    """Read white noise levels off a log: what is left in third differences of signals that move smoothly.
-
-    Third differences of a motion vanish next to those of white noise, whose deviation they multiply by sqrt(20) and
-    whose sign they keep changing. Impacts and steps of a controller disturb few samples; the quarter that changes least
-    tells the level.
-    """
+    """Read white noise levels off a log; see `white_level`."""
     return replace(
         PRESETS["realistic"],
-        joint_position=_level(walk.qpos[:, 7:]),
-        joint_velocity=_level(walk.qvel[:, 6:]),
-        effort=_level(walk.effort),
-        base_position=_level(walk.qpos[:, :3]),
-        base_orientation=_level(_turns(walk.qpos[:, 3:7]), already_differenced=1),
-        base_linear_velocity=_level(walk.qvel[:, :3]),
-        base_angular_velocity=_level(walk.qvel[:, 3:6]),
-        force=_level(walk.wrench[:, :, :3].reshape(len(walk), -1)),
-        moment=_level(walk.wrench[:, :, 3:].reshape(len(walk), -1)),
+        joint_position=white_level(walk.qpos[:, 7:]),
+        joint_velocity=white_level(walk.qvel[:, 6:]),
+        effort=white_level(walk.effort),
+        base_position=white_level(walk.qpos[:, :3]),
+        base_orientation=white_level(_turns(walk.qpos[:, 3:7]), already_differenced=1),
+        base_linear_velocity=white_level(walk.qvel[:, :3]),
+        base_angular_velocity=white_level(walk.qvel[:, 3:6]),
+        force=white_level(walk.wrench[:, :, :3].reshape(len(walk), -1)),
+        moment=white_level(walk.wrench[:, :, 3:].reshape(len(walk), -1)),
     )
 
 
@@ -115,16 +106,6 @@ def with_nuisances(
     """The parameters asked for, followed by the nuisances."""
     links = [parameter.target for parameter in space.parameters if parameter.kind is Kind.MASS]
     return ParameterSpace((*space.parameters, *nuisances(robot, walk, links, noise, options)))
-
-
-def _level(signal: FloatArray, already_differenced: int = 0) -> float:
-    """White noise of a group of channels: the median channel's, or 0 if that is smooth."""
-    differences = np.diff(signal, n=3 - already_differenced, axis=0)
-    if not differences.size:
-        return 0.0
-    quiet = np.quantile(np.abs(differences), _QUIET_QUANTILE, axis=0) / (_QUIET_NORMAL * _THIRD_DIFFERENCE_GAIN)
-    flips = np.mean(differences[1:] * differences[:-1] < 0.0, axis=0)
-    return float(np.median(np.where(flips > _FEWEST_FLIPS, quiet, 0.0)))
 
 
 def _turns(quaternion: FloatArray) -> FloatArray:

@@ -9,10 +9,10 @@ import numpy as np
 from massid.log import resampling
 from massid.log.conventions import NANOSECONDS
 from massid.log.walk import Segment, Walk
-from massid.typing import AnyArray
+from massid.typing import AnyArray, FloatArray
 
 
-def refined(walk: Walk, factor: int) -> Walk:
+def refined(walk: Walk, factor: int, *, semi_implicit: bool = False) -> Walk:
     """Divide every sample period.
 
     States between samples follow cubics with the measured velocities as slopes, velocities straight lines; torques and
@@ -21,6 +21,8 @@ def refined(walk: Walk, factor: int) -> Walk:
     Args:
         walk: on an even clock.
         factor: new samples for each old one, >= 1.
+        semi_implicit: for a factor of 2, take the state in between from how simulators move: every step with the
+            velocity at its end. Exact for them, but noise of positions is divided by the step.
     """
     if factor <= 1:
         return walk
@@ -36,16 +38,18 @@ def refined(walk: Walk, factor: int) -> Walk:
         grid = even[0] + np.rint(np.arange((len(segment) - 1) * factor + 1) * period_ns).astype(np.int64)
         qpos, qvel = walk.qpos[rows], walk.qvel[rows]
         columns["stamps_ns"].append(grid)
-        columns["qpos"].append(
-            np.hstack(
-                [
-                    resampling.cubic(even, qpos[:, :3], qvel[:, :3], grid),
-                    resampling.attitude(even, qpos[:, 3:7], qvel[:, 3:6], grid),
-                    resampling.cubic(even, qpos[:, 7:], qvel[:, 6:], grid),
-                ]
-            )
+        finer = np.hstack(
+            [
+                resampling.cubic(even, qpos[:, :3], qvel[:, :3], grid),
+                resampling.attitude(even, qpos[:, 3:7], qvel[:, 3:6], grid),
+                resampling.cubic(even, qpos[:, 7:], qvel[:, 6:], grid),
+            ]
         )
-        columns["qvel"].append(resampling.linear(even, qvel, grid))
+        rates = resampling.linear(even, qvel, grid)
+        if semi_implicit and factor == 2:
+            finer[1::2], rates[1::2] = _half_way(qpos, qvel, walk.timestep_s / 2)
+        columns["qpos"].append(finer)
+        columns["qvel"].append(rates)
         held = np.repeat(np.arange(segment.start, segment.stop), factor)[: len(grid)]
         columns["effort"].append(walk.effort[held])
         columns["wrench"].append(walk.wrench[held])
@@ -64,3 +68,13 @@ def refined(walk: Walk, factor: int) -> Walk:
         timestep_s=period_ns / NANOSECONDS,
         segments=tuple(segments),
     )
+
+
+def _half_way(qpos: FloatArray, qvel: FloatArray, step_s: float) -> tuple[FloatArray, FloatArray]:
+    """Positions and velocities after the first of two steps, each made with the velocity at its end."""
+    before = np.hstack([qpos[1:, :3] - step_s * qvel[1:, :3], np.zeros((len(qpos) - 1, 4)), qpos[1:, 7:]])
+    before[:, 7:] -= step_s * qvel[1:, 6:]
+    before[:, 3:7] = resampling.multiply(qpos[1:, 3:7], resampling.from_rotation(-step_s * qvel[1:, 3:6]))
+    turned = resampling.rotation_between(qpos[:-1, 3:7], before[:, 3:7])
+    moved = np.hstack([before[:, :3] - qpos[:-1, :3], turned, before[:, 7:] - qpos[:-1, 7:]])
+    return before, moved / step_s

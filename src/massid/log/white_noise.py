@@ -1,0 +1,32 @@
+"""The level of white noise in signals that move smoothly otherwise."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from massid.typing import FloatArray
+
+_THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)
+_QUIET_QUANTILE, _QUIET_NORMAL = 0.25, 0.31864
+"""The quarter of the samples that change least, and that quantile of |N(0, 1)|."""
+_FEWEST_FLIPS = 0.65
+"""Third differences of white noise change sign 77 % of the time (correlation -3/4), those of a motion hardly ever."""
+
+
+def white_level(signal: FloatArray, already_differenced: int = 0) -> float:
+    """Standard deviation of the white noise of a group of channels: the median channel's, or 0 if that is smooth.
+
+    Third differences of a motion vanish next to those of white noise, whose deviation they multiply by sqrt(20) and
+    whose sign they keep changing. Impacts and steps of a controller disturb few samples; the quarter that changes least
+    tells the level.
+
+    Args:
+        signal: shape (n, channels).
+        already_differenced: how often it was differenced before.
+    """
+    differences = np.diff(signal, n=3 - already_differenced, axis=0)
+    if not differences.size:
+        return 0.0
+    quiet = np.quantile(np.abs(differences), _QUIET_QUANTILE, axis=0) / (_QUIET_NORMAL * _THIRD_DIFFERENCE_GAIN)
+    flips = np.mean(differences[1:] * differences[:-1] < 0.0, axis=0)
+    return float(np.median(np.where(flips > _FEWEST_FLIPS, quiet, 0.0)))
