@@ -15,24 +15,29 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any, Literal
 
 import tyro
 from rich.console import Console
+from rich.table import Table
 
-from accuracy.case import Case, Fault, Friction, Ledger, Method
+from accuracy.case import Case, Fault, Friction, Ledger, Method, Part
 from accuracy.methods import measure
 from accuracy.sysid import load_sysid
-from accuracy.tables import accuracy_table, coverage_table, problems, speed_table, wrong_table
+from accuracy.tables import accuracy_table, coverage_table, problems, slopes, speed_table, wrong_table
 from accuracy.walks import prepare
 from massid.errors import MassidError
 from massid.noise import NoisePreset
 
 FAULTS: tuple[Fault, ...] = ("com", "inertia", "friction", "links")
 SPEED_SECONDS = 20.0
+LENGTHS_SECONDS = 30.0
+"""Walks are recorded that long and cut, so that a longer one begins as a shorter one."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +98,7 @@ def main(bench: Bench) -> None:
 
 def run(case: Case, bench: Bench) -> dict[str, Any]:
     """Measure one case; what a method refuses is a result, too."""
-    recorded_s = max((case.seconds, *bench.lengths)) if case.part == "lengths" else case.seconds
+    recorded_s = max(case.seconds, LENGTHS_SECONDS) if case.part == "lengths" else case.seconds
     given = prepare(case, bench.logs, recorded_s)
     try:
         return measure(case, given)
@@ -138,13 +143,16 @@ def other_cases(bench: Bench) -> list[Case]:
 
 def print_tables(ledger: Ledger, console: Console) -> None:
     """Print whatever was measured."""
-    for part, table in (("accuracy", accuracy_table), ("lengths", accuracy_table), ("coverage", coverage_table)):
+    by_length = partial(accuracy_table, title="L2 error in kg against seconds of walking")
+    tables: tuple[tuple[Part, Callable[..., Table]], ...] = (
+        *(("accuracy", accuracy_table), ("lengths", by_length), ("coverage", coverage_table)),
+        *(("wrong", wrong_table), ("speed", speed_table)),
+    )
+    for part, table in tables:
         if any(ledger.rows(part)):
             console.print(table(ledger.rows(part)))
-    if any(ledger.rows("wrong")):
-        console.print(wrong_table(ledger.rows("wrong")))
-    if any(ledger.rows("speed")):
-        console.print(speed_table(ledger.rows("speed")))
+    for line in slopes(ledger.rows("lengths")):
+        console.print(line)
     for line in problems(ledger.rows("accuracy")):
         console.print(f"bound and least squares: {line}")
 

@@ -16,19 +16,19 @@ OURS = ("online", "offline")
 Group = tuple[Any, ...]
 
 
-def accuracy_table(rows: Rows) -> Table:
+def accuracy_table(rows: Rows, title: str = "Root mean square L2 error in kg") -> Table:
     """Errors of all methods beside the bound, a row for each problem."""
     groups = _grouped(rows, ("preset", "robot", "friction", "other_links", "seconds"))
-    table = Table(title="Root mean square L2 error [kg]")
+    table = Table(title=title)
     for name in (
         *("preset", "robot", "friction", "others", "s", "method", "runs", "ours", "said", "bound", "ratio"),
-        *("bound, no gate", "in 95 %", "chi2", "inflation", "wall [s]", "LS best", "LS chosen", "sysid", "observer"),
+        *("bound, no gate", "in 95 %", "chi2", "inflation", "wall s", "LS best", "LS chosen", "sysid", "observer"),
     ):
         table.add_column(name, justify="right")
     for key, found in groups.items():
         bound = _rms(found["bound"], "gated_l2_kg")
-        squares, chosen, baselines = _least_squares(found["least-squares"]), _rms(found["least-squares"], "l2_kg"), []
-        baselines = [squares, _number(chosen), *(_number(_rms(found[m], "l2_kg")) for m in ("sysid", "sysid-observer"))]
+        baselines = [_least_squares(found["least-squares"])]
+        baselines += [_number(_rms(found[method], "l2_kg")) for method in ("least-squares", "sysid", "sysid-observer")]
         for method in [m for m in OURS if found[m]] or ["-"]:
             ours = [result for result in found[method] if "l2_kg" in result]
             error = _rms(ours, "l2_kg")
@@ -49,6 +49,18 @@ def accuracy_table(rows: Rows) -> Table:
     return table
 
 
+def slopes(rows: Rows) -> list[str]:
+    """How errors and bounds fall with the seconds of walking: the exponent of a power law fitted to each."""
+    lines = []
+    for (preset, robot, method), found in _grouped(rows, ("preset", "robot", "method"), by_method=False).items():
+        name = "gated_l2_kg" if method == "bound" else "l2_kg"
+        points = [(result["seconds"], result[name]) for result in found["all"] if name in result]
+        if len({seconds for seconds, _ in points}) > 1:
+            slope = np.polyfit(*np.log(points).T, 1)[0]
+            lines.append(f"{preset}, {robot}, {method}: error falls with seconds to the power {slope:.2f}")
+    return lines
+
+
 def coverage_table(rows: Rows) -> Table:
     """How often the truth lay within the 95 % intervals: pooled, and the link where it was so least."""
     table = Table("preset", "robot", "friction", "method", "walks", "pooled", "worst link", title="Coverage")
@@ -65,7 +77,7 @@ def coverage_table(rows: Rows) -> Table:
 
 def wrong_table(rows: Rows) -> Table:
     """Errors with a wrong model, and whether the result owns up to it."""
-    table = Table("preset", "robot", "wrong", "method", "runs", "RMS L2 [kg]", "said [kg]", title="Wrong models")
+    table = Table("preset", "robot", "wrong", "method", "runs", "RMS L2, kg", "said, kg", title="Wrong models")
     for name in ("in 95 %", "truth in ellipsoid", "warned", "either"):
         table.add_column(name, justify="right")
     for key, found in _grouped(rows, ("preset", "robot", "fault", "method"), by_method=False).items():
@@ -87,7 +99,7 @@ def wrong_table(rows: Rows) -> Table:
 def speed_table(rows: Rows) -> Table:
     """Wall time and error on one clean log."""
     table = Table(
-        "robot", "s", "seed", "method", "L2 [kg]", "wall [s]", title="Time on a clean log, one after the other"
+        "robot", "s", "seed", "method", "L2, kg", "wall, s", title="Time on a clean log, one after the other"
     )
     for case, result in rows:
         table.add_row(
@@ -108,7 +120,8 @@ def _grouped(
 ) -> dict[Group, dict[str, list[dict[str, Any]]]]:
     groups: dict[Group, dict[str, list[dict[str, Any]]]] = defaultdict(lambda: defaultdict(list))
     for case, result in rows:
-        groups[tuple(getattr(case, name) for name in names)][case.method if by_method else "all"].append(result)
+        key = tuple(getattr(case, name) for name in names)
+        groups[key][case.method if by_method else "all"].append(result | {"seconds": case.seconds})
     return dict(sorted(groups.items(), key=lambda item: tuple(map(str, item[0]))))
 
 

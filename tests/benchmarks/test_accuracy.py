@@ -102,6 +102,13 @@ def test_tables_show_what_was_measured() -> None:
     assert "1/1 " in text
 
 
+def test_slopes_are_those_of_the_errors() -> None:
+    from accuracy.tables import slopes
+
+    rows = [(_case(part="lengths", seconds=s), {"l2_kg": 0.3 * s**-0.5}) for s in (1.0, 3.0, 10.0)]
+    assert slopes(rows) == ["white, atlas, online: error falls with seconds to the power -0.50"]
+
+
 @pytest.mark.parametrize("name", ["atlas", "light", "heavy"])
 def test_wrong_robots_are_wrong_as_said(name: str) -> None:
     from accuracy.walks import with_fault, with_friction
