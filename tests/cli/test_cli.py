@@ -201,7 +201,7 @@ def test_bad_hidden_masses(argument: str, message: str, tmp_path: Path, capsys: 
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("command", ["demo", "record", "identify", "view", "links"])
+@pytest.mark.parametrize("command", ["demo", "record", "identify", "report", "view", "links"])
 def test_every_command_has_help_with_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:
         main([command, "--help"])

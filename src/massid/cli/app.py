@@ -19,6 +19,7 @@ from massid.cli.links import Links
 from massid.cli.paper import Paper
 from massid.cli.record import Record
 from massid.cli.repair import Repair
+from massid.cli.report import Report
 from massid.cli.view import View
 from massid.errors import MassidError
 
@@ -26,7 +27,7 @@ DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
 
 Exit codes: 0 good, 2 bad input, 3 not identifiable, 4 fell or did not converge."""
 
-COMMANDS = (Demo, Record, Identify, Inspect, Repair, Corrupt, View, Paper, Links)
+COMMANDS = (Demo, Record, Identify, Inspect, Repair, Corrupt, Report, View, Paper, Links)
 INTERRUPTED = 130
 
 

@@ -48,6 +48,7 @@ class WindowResult:
         newton_step: distance to the predicted minimum, shape (n_p,).
         std: standard deviations at this point, shape (n_p,); None for a log without noise.
         diverged: rows of the models that diverged.
+        chi2: mu of the centre per scalar output error: on a noisy log the mean square of whitened innovations.
     """
 
     index: int
@@ -60,6 +61,7 @@ class WindowResult:
     newton_step: FloatArray
     diverged: IntArray
     std: FloatArray | None = None
+    chi2: float = float("nan")
 
     @classmethod
     def from_iteration(cls, iteration: Iteration, time_s: float, std: FloatArray | None = None) -> WindowResult:
@@ -77,6 +79,7 @@ class WindowResult:
             newton_step=iteration.newton_step[asked],
             diverged=monitoring.diverged.nonzero()[0],
             std=std,
+            chi2=float(monitoring.gram[monitoring.proposal.centre, monitoring.proposal.centre]) / monitoring.samples,
         )
 
 
@@ -245,6 +248,7 @@ class Result:
             "nuisances": {
                 parameter.name: {
                     "unit": parameter.unit,
+                    "nominal": parameter.nominal,
                     "estimate": value,
                     "std": std,
                     "prior_std": parameter.prior_std,
@@ -269,6 +273,7 @@ class Result:
                     "time_s": window.time_s,
                     "mu": float(window.mu[window.best]),
                     "estimate_kg": self.masses_kg(window.estimate),
+                    "chi2": None if self.uncertainty is None else window.chi2,
                     "std_kg": None if window.std is None else self.masses_kg(window.std),
                 }
                 for window in self.windows

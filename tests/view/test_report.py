@@ -1,0 +1,83 @@
+"""The report of a result: one file that needs nothing else, and says what the result says."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massid.errors import BadInputError
+from massid.view.chart import Chart
+from massid.view.page import HtmlPage
+from massid.view.report import write_report
+
+
+def _document() -> dict[str, object]:
+    """A result of two links, one of which was hidden."""
+    seen = {"nominal_kg": 4.0, "estimate_kg": 4.4, "std_kg": 0.1, "interval95_kg": [4.2, 4.6], "identifiable": True}
+    return {
+        "links": {"torso": seen, "calf<b>": {"nominal_kg": 2.0, "estimate_kg": None, "identifiable": False}},
+        "together": {"estimate_kg": 6.5, "std_kg": 0.2},
+        "verdict": {
+            "motion": "standing still",
+            "sensors": "the log's own noise",
+            "predicted_std_kg": {"torso": 0.1, "calf<b>": 1.0},
+            "total_std_kg": 0.3,
+            "combinations": [{"text": "calf<b>", "relative_std": 0.5}],
+            "sums": [],
+            "advice": ["walk"],
+        },
+        "validation": None,
+        "uncertainty": {
+            "chi2_per_sample": 1.01,
+            "nuisances": {"effort_offset/knee": {"estimate": 0.1, "std": 0.4, "prior_std": 0.4, "nominal": 0.0}},
+        },
+        "iterations": [
+            {"window": k, "time_s": 0.5 * (k + 1), "chi2": 1.0, "std_kg": None}
+            | {"estimate_kg": {"torso": 4.4, "calf<b>": 2.3}}
+            for k in range(2)
+        ],
+        "status": "not identifiable",
+        "mode": "online",
+        "logs": ["walk.mcap"],
+        "warnings": ["a sensor drifts"],
+        "wall_s": 1.0,
+        "log_s": 1.0,
+        "reference": None,
+    }  # fmt: skip
+
+
+def test_the_page_is_whole_and_hides_what_was_not_found(tmp_path: Path) -> None:
+    (tmp_path / "r.json").write_text(json.dumps(_document()))
+    np.savez(tmp_path / "r.npz", covariance=np.diag([0.01, 1.0]))
+    write_report(tmp_path / "r.json", tmp_path / "r.html")
+    page = (tmp_path / "r.html").read_text()
+    assert not re.search(r"https?:|<script|<link|<img|url\(", page)
+    assert "calf<b>" not in page
+    assert "calf&lt;b&gt;" in page
+    assert "2.300" not in page  # what the search ended with for a hidden link
+    for text in ("4.400", "4.200 – 4.600", "not identifiable", "a sensor drifts", "what would help: walk", "±50%"):
+        assert text in page, text
+
+
+@pytest.mark.parametrize("text", ["nonsense", "[1, 2]", '{"links": {}}'])
+def test_what_is_not_a_result_is_refused(text: str, tmp_path: Path) -> None:
+    (tmp_path / "r.json").write_text(text)
+    with pytest.raises(BadInputError, match="massid identify --json"):
+        write_report(tmp_path / "r.json", tmp_path / "r.html")
+
+
+def test_lines_break_where_values_are_missing() -> None:
+    chart = Chart("a", (0.0, 4.0), (0.0, 1.0))
+    chart.line(np.arange(5.0), np.array([0.0, 1.0, np.nan, 0.5, 0.6]), "red")
+    assert chart.svg().count("<polyline") == 2
+
+
+def test_only_columns_of_numbers_stand_to_the_right(tmp_path: Path) -> None:
+    page = HtmlPage("t")
+    page.table(["name", "value"], [["a", "1.5"], ["b", "-2 %"]])
+    page.write(tmp_path / "p.html")
+    assert '<td>a</td><td class="n">1.5</td>' in (tmp_path / "p.html").read_text()
