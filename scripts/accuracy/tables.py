@@ -98,9 +98,7 @@ def wrong_table(rows: Rows) -> Table:
 
 def speed_table(rows: Rows) -> Table:
     """Wall time and error on one clean log."""
-    table = Table(
-        "robot", "s", "seed", "method", "L2, kg", "wall, s", title="Time on a clean log, one after the other"
-    )
+    table = Table("robot", "s", "seed", "method", "L2, kg", "wall, s", title="Time on a clean log, one after the other")
     for case, result in rows:
         table.add_row(
             case.robot, f"{case.seconds:g}", str(case.seed), case.method,
