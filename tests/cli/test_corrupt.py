@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from massid.assets import sample_walk
+from massid.cli import main
+from massid.log import read_walk
+
+
+def test_a_clean_log_gets_noise_and_its_truth_comes_along(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "noisy.mcap"
+    assert main(["corrupt", str(sample_walk()), str(out), "--noise", "white", "--seed", "4"]) == 0
+    assert "noisy.truth.json" in capsys.readouterr().out
+    assert read_walk(out).metadata["model_sha256"] == read_walk(sample_walk()).metadata["model_sha256"]
+    truth = json.loads((tmp_path / "noisy.truth.json").read_text())
+    assert truth["sensors"]["seed"] == 4
+    assert "torso" in truth["links"]
+
+
+@pytest.mark.parametrize(
+    ("source", "out", "message"),
+    [
+        ("walk.mcap", "missing/noisy.mcap", "the folder {folder}/missing does not exist"),
+        ("nothing.mcap", "noisy.mcap", "nothing.mcap: does not exist"),
+        ("walk.mcap", "walk.mcap", "is the clean log itself"),
+    ],
+)
+def test_bad_input_is_one_line(
+    source: str, out: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "walk.mcap").write_bytes(sample_walk().read_bytes())
+    assert main(["corrupt", str(tmp_path / source), str(tmp_path / out)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert message.format(folder=tmp_path) in error
