@@ -78,3 +78,31 @@ def test_refining_keeps_samples_segments_and_transfers(pushed: Pushed) -> None:
     np.testing.assert_array_equal(fine.effort[37::4], walk.effort[12:40])
     np.testing.assert_array_equal(fine.effort[37:41], np.repeat(walk.effort[12:13], 4, axis=0))
     assert refined(walk, 1) is walk
+
+
+def test_steps_between_samples_are_those_of_the_simulation(pushed: Pushed, tmp_path: Path) -> None:
+    walk, n = pushed.walk, 1200
+    means = {name: getattr(walk, name)[:n].reshape(n // 2, 2, *getattr(walk, name).shape[1:]).mean(axis=1)
+             for name in ("effort", "wrench")}  # fmt: skip
+    slow = replace(
+        walk, stamps_ns=walk.stamps_ns[:n:2], qpos=walk.qpos[:n:2], qvel=walk.qvel[:n:2], timestep_s=0.002,
+        segments=(), **means,
+    )  # fmt: skip
+    ready = prepare_walk(write(slow, tmp_path / "walk.mcap"), pushed.robot).walk
+    rows = slice(0, n - 1)
+    np.testing.assert_allclose(ready.qpos[rows], walk.qpos[rows], atol=1e-12)
+    np.testing.assert_allclose(ready.qvel[rows], walk.qvel[rows], atol=1e-9)
+    assert error_kg(ready, pushed) < 1e-3
+    qpos = slow.qpos.copy()
+    qpos[:, 7:] += 1e-4 * np.random.default_rng(0).normal(size=qpos[:, 7:].shape)
+    noisy = replace(slow, qpos=qpos)
+    interpolated = prepare_walk(write(noisy, tmp_path / "noisy.mcap"), pushed.robot).walk
+    assert np.abs(interpolated.qvel[1:-1:2] - 0.5 * (slow.qvel[:-1] + slow.qvel[1:])).max() < 1e-9
+
+
+def test_positions_in_degrees_are_suspected_even_if_velocities_agree(pushed: Pushed, tmp_path: Path) -> None:
+    qpos, qvel = pushed.walk.qpos.copy(), pushed.walk.qvel.copy()
+    qpos[:, 7:], qvel[:, 6:] = np.degrees(qpos[:, 7:]) + 20.0, np.degrees(qvel[:, 6:])
+    walk = replace(pushed.walk, qpos=qpos, qvel=qvel)
+    warnings = prepare_walk(write(walk, tmp_path / "walk.mcap"), pushed.robot).walk.warnings
+    assert any("as if they were in degrees" in line for line in warnings)

@@ -177,7 +177,9 @@ def _cut(walk: Walk, n: int) -> Walk:
 @pytest.mark.parametrize("identify", [identify_online, identify_offline])
 def test_links_that_were_not_named_but_are_wrong_are_told(identify, pushed: Pushed) -> None:
     some = pushed.robot.mass_space(LINKS[:-1])
-    assert any("name more links" in line for line in identify(pushed.walk, pushed.robot, some, SHORT).warnings)
+    assert any(
+        "Links that were not named" in line for line in identify(pushed.walk, pushed.robot, some, SHORT).warnings
+    )
     assert not identify(pushed.walk, pushed.robot, pushed.space, SHORT).warnings
 
 

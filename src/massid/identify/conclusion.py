@@ -122,8 +122,7 @@ def _misfit(findings: Findings) -> tuple[str, ...]:
         return ()
     return (
         f"these links' masses do not explain the log: what is left weighs as much as an error of {relative:.2%} in "
-        "each of them. Links that were not named, or the model, are off, and so are the masses found: name more links "
-        "(--links).",
+        "each of them. Links that were not named (--links), the model or the log are off, and so are the masses found.",
     )
 
 

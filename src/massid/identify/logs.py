@@ -71,7 +71,7 @@ def gather_logs(
     if noisy and clean:
         raise BadInputError(
             f"{noisy[0]} has sensor noise and {clean[0]} has none: identify them one at a time, or say what sensors "
-            "both have (--options.noise white or realistic)."
+            "both have (--noise white or realistic)."
         )
     return tuple(logs)
 

@@ -81,13 +81,16 @@ def observe_motion(robot: Robot, walk: Walk) -> MotionFacts:
 
 
 def is_carried(robot: Robot, walk: Walk) -> bool:
-    """Whether measured contacts carry the robot."""
+    """Whether measured contacts carry the robot; without gravity nothing does."""
+    weight = robot.total_mass_kg * float(np.linalg.norm(robot.model.opt.gravity))
+    if weight == 0.0:
+        return False
     inside = np.concatenate([np.arange(segment.start, segment.stop) for segment in walk.segments])
     width = max(1, round(_SMOOTHING_S / walk.timestep_s))
     # Means over short blocks, so that the noise of unloaded force sensors does not add up to a weight.
     force = _blockwise(walk.wrench[inside, :, :3].reshape(len(inside), -1), width).reshape(-1, 3)
     carried = float(np.linalg.norm(force, axis=1).mean()) * len(walk.contact_bodies)
-    return carried > _CARRIED * robot.total_mass_kg * float(np.linalg.norm(robot.model.opt.gravity))
+    return carried > _CARRIED * weight
 
 
 def neighbouring_joints(robot: Robot, links: Sequence[str], among: Sequence[str]) -> tuple[str, ...]:
