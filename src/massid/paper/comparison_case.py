@@ -40,7 +40,7 @@ class Contender:
 
     Attributes:
         models: size of the bank.
-        compute_s: wall time of 170 s of the system, plant included.
+        compute_s: processor time of 170 s of the system, plant included.
         error: |p - p*| at the end.
         windows: until the error stays below 0.01; None if it does not.
         run: all of it.

@@ -171,7 +171,7 @@ def draw_fig_5(case: HumanoidCase, path: Path, shots: int = 6) -> bool:
     frames = _one_step(motion.vertical_force[:, 0], shots)
     blue = {link: np.array([0.29, 0.56, 0.89]) for link in case.links}
     shown = [Shot(motion.qpos[frame], blue) for frame in frames]
-    pictures = render_shots(case.robot, shown, motion.height_m, 420, 620)
+    pictures = render_shots(case.robot, shown, motion.height_m, 460, 620)
     parents = case.robot.model.body_parentid
     with page(path, 1, shots, (13.0, 3.7)) as axes:
         for i, axis in enumerate(axes):
@@ -206,7 +206,7 @@ def draw_fig_6(case: HumanoidCase, path: Path) -> None:
         axis.axhline(
             THRESHOLD_KG, color=PAPER, ls="--", lw=1, label="paper: below 0.5 kg after more than 20 iterations"
         )
-        axis.set_ylim(1e-8, 60.0)
+        axis.set_ylim(1e-13, 60.0)
         axis.set_xlabel(f"time [s] (a window every {case.dwell_s:g} s)")
         axis.set_ylabel("L2 mass error [kg]")
         axis.set_title("Fig. 6: seven masses of a walking humanoid, 24 models")

@@ -103,7 +103,7 @@ def _comparison(out: Reproduction) -> list[tuple[str, str, str, str]]:
             ("V-C", "models: guided / dynamic sampling", "9 / 64", f"{out.c.guided.models} / {out.c.sampling.models}"),
             (
                 "V-C",
-                "computation [s] for 170 s",
+                "computation (processor) [s] for 170 s",
                 "95 / 774",
                 f"{out.c.guided.compute_s:.2f} / {out.c.sampling.compute_s:.2f}",
             ),

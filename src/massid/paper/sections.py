@@ -27,7 +27,7 @@ def section_a(case: AffineCase) -> list[str]:
     ]
     return [
         "<h2>V-A: affine parameters</h2>",
-        picture("fig2.png", "Fig. 2"),
+        picture("fig2.png", "Fig. 2: parameter estimation error; the cross is where the paper ends"),
         table(("direction", "iterations until Eq. (18)", "error"), rows),
         f"<p>Chosen, since the paper does not say: A = [[0, 1], [-{affine.STIFFNESS:g}, -{affine.DAMPING:g}]]; "
         f"u = -6 + 6 sin(πt/2) + 4 sin(3πt/2); k = {affine.GAIN:g} 1/s; λ = {affine.FORGETTING_RATE:g} 1/s; alpha from "
@@ -209,7 +209,7 @@ def section_c(case: ComparisonCase) -> list[str]:
             [
                 ("models", "9", str(case.guided.models), "64 (4 x 4 x 4)", str(case.sampling.models)),
                 (
-                    "computation time [s]",
+                    "computation (processor) time [s]",
                     "95",
                     f"{case.guided.compute_s:.2f}",
                     "774",
@@ -230,7 +230,7 @@ def section_c(case: ComparisonCase) -> list[str]:
         "<p>Both methods run in the same program on the same plant, compilation left out. Dynamic sampling has its "
         f"best zoom factor, {case.zoom:g}; tuned fairly it reaches the same accuracy as the guided search, later and "
         f"with {case.sampling.compute_s / case.guided.compute_s:.1f} times its time. The paper's 2.03 appears where "
-        "Theta admits p3 &lt; 0: the zoom can end in a mirror minimum near (13.19, 2.0005, -0.988).</p>",
+        "Theta admits p3 &lt; 0: there the zoom can end in a mirror minimum near (13.19, 2.0005, -0.988).</p>",
         table(("zoom", "Theta", "error", "distance from the mirror minimum"), zooms),
         "<p>The guided search is not immune, see the sizes of its ModelSet under V-B.</p>",
         "<h3>Cost against the number of unknowns</h3>",
@@ -250,8 +250,8 @@ def section_c(case: ComparisonCase) -> list[str]:
             costs,
         ),
         "<p>Exponents of n_p, fitted: " + ", ".join(f"{name} {power:.2f}" for name, power in powers.items()) + ". A "
-        "model of c copies is c times the system, so the time of a window grows with the square of n_p; a step of one "
-        "copy in one model does not become dearer. The grid's models are exponential, 4^n_p; its times beyond 6 "
+        "model of c copies is c times the system, so the time of a window grows faster than its steps; a step of one "
+        "copy in one model is what to compare. The grid's models are exponential, 4^n_p; its times beyond 6 "
         "unknowns are extrapolated.</p>",
     ]
 
@@ -265,8 +265,11 @@ def section_d(case: HumanoidCase, rendered: bool) -> list[str]:
     how = "rendered by MuJoCo" if rendered else "no graphics driver works here: a stick figure"
     return [
         "<h2>V-D: masses of a walking humanoid</h2>",
-        picture("fig5.png", f"Fig. 5 ({how})"),
-        picture("fig6.png", "Fig. 6"),
+        picture(
+            "fig5.png",
+            f"Fig. 5: from one touch-down of a foot to its next ({how}); blue: the links whose masses are unknown",
+        ),
+        picture("fig6.png", "Fig. 6: L2 mass error with each direction"),
         table(("direction", "initial [kg]", "windows until 0.5 kg", "least [kg]", "last [kg]"), rows),
         f"<p>Chosen: a walk of {case.walk.duration_s:.0f} s, windows of {case.dwell_s:g} s, output injection shaped "
         "by the inertia, 24 models, Theta from 0.3 to 2.5 times the nominal masses, clean sensors.</p>",
