@@ -211,8 +211,8 @@ class WalkTheory:
             "Online with alpha_i = 1/L_i the masses converge to the true ones, each direction as fast as it is "
             "excited: the error falls in every window, and mu_i of the estimate with it (Eq. 44).",
             f"error {errors[0]:.2f} -> {errors[-1]:.2f} kg after {len(iterations)} windows of {DWELL_S:g} s, falling "
-            f"in each; mu_i falls to {fall:.1e} of what it was; share of the error left along Q's eigenvectors, strongest "
-            f"first: {', '.join(f'{share:.1e}' for share in left[::-1])}",
+            f"in each; mu_i falls to {fall:.1e} of what it was; share of the error left along Q's eigenvectors, "
+            f"strongest first: {', '.join(f'{share:.1e}' for share in left[::-1])}",
             bool(np.all(np.diff(errors) < 0.0) and fall < 0.05 and np.all(left[1:] < 0.1)),
         )
 
