@@ -24,7 +24,7 @@ from massid.typing import FloatArray
 from robot_lab import write_ros2
 
 FOLDER = Path("bench_lag")
-CASES = ((2, 0.001), (2, 0.0), (2, 0.0033), (2, -0.0007), (1, 0.0), (1, 0.001))
+CASES = ((1, 0.0), (1, 0.001), (2, 0.0), (2, 0.001), (2, 0.0033), (2, -0.0007))
 
 
 def error(log: Walk, robot: Robot, links: tuple[str, ...], truth: FloatArray) -> float:

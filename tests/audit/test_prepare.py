@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 
 from massid.audit import prepare_walk
+from massid.audit.limits import limit_suspicions
 from massid.identify import IdentifyOptions, identify_offline
 from massid.log import Segment, Walk, WalkWriter
 from massid.log.refine import refined
+from massid.robot import Robot
 from tests.conftest import Pushed
 
 
@@ -100,9 +103,12 @@ def test_steps_between_samples_are_those_of_the_simulation(pushed: Pushed, tmp_p
     assert np.abs(interpolated.qvel[1:-1:2] - 0.5 * (slow.qvel[:-1] + slow.qvel[1:])).max() < 1e-9
 
 
-def test_positions_in_degrees_are_suspected_even_if_velocities_agree(pushed: Pushed, tmp_path: Path) -> None:
-    qpos, qvel = pushed.walk.qpos.copy(), pushed.walk.qvel.copy()
-    qpos[:, 7:], qvel[:, 6:] = np.degrees(qpos[:, 7:]) + 20.0, np.degrees(qvel[:, 6:])
-    walk = replace(pushed.walk, qpos=qpos, qvel=qvel)
-    warnings = prepare_walk(write(walk, tmp_path / "walk.mcap"), pushed.robot).walk.warnings
-    assert any("as if they were in degrees" in line for line in warnings)
+def test_positions_in_degrees_are_suspected_even_if_velocities_agree(pushed: Pushed) -> None:
+    spec = pushed.robot.spec.copy()
+    spec.joint("l_knee").limited, spec.joint("l_knee").range = 1, np.degrees([-2.0, 0.1])
+    robot = Robot(spec)
+    assert limit_suspicions(robot, pushed.walk) == []
+    qpos = pushed.walk.qpos.copy()
+    qpos[:, 7:] = np.degrees(qpos[:, 7:])
+    (line,) = limit_suspicions(robot, replace(pushed.walk, qpos=qpos))
+    assert re.search(r"l_knee .* \(the model allows -2 \.\. 0\.1\).*degrees", line)

@@ -13,8 +13,6 @@ from massid.log.walk import Walk
 from massid.typing import FloatArray
 
 SPAN_S = 0.05
-LARGEST_POSITION = 4.0 * np.pi
-"""No joint of a humanoid turns by more than two turns [rad] or slides that far [m]."""
 MISMATCH = 0.3
 """Share of the move that may stay unexplained; beyond it, something is wrong with a convention."""
 _BETTER = 0.3  # another convention is suspected if it leaves less than this share of the mismatch
@@ -46,7 +44,7 @@ def check_kinematics(walk: Walk) -> Kinematics:
     position, attitude = _base_mismatch(walk, starts, span)
     suspicions = _base_suspicions(walk, starts, span, position, attitude)
     joints, scales = _joint_mismatch(walk, starts, span)
-    suspicions += _joint_suspicions(joints, scales) + _beyond_a_turn(walk)
+    suspicions += _joint_suspicions(joints, scales)
     return Kinematics(position, attitude, joints, tuple(suspicions))
 
 
@@ -173,18 +171,6 @@ def _joint_mismatch(walk: Walk, starts: FloatArray, span: int) -> tuple[dict[str
             power = float((expected[:, column] ** 2).sum())
             scales[name] = float(moved[:, column] @ expected[:, column]) / power if power else np.inf
     return joints, scales
-
-
-def _beyond_a_turn(walk: Walk) -> list[str]:
-    """Positions and velocities that are both in degrees agree with each other; no joint of a robot goes that far."""
-    reach = np.abs(walk.qpos[:, 7:]).max(axis=0, initial=0.0)
-    far = [name for name, most in zip(walk.joint_names, reach, strict=True) if most > LARGEST_POSITION]
-    if not far:
-        return []
-    return [
-        f"positions of {', '.join(far[:5])} reach {reach.max():.3g}: they look as if they were in degrees "
-        "(scale: 0.0174533), velocities probably too."
-    ]
 
 
 def _joint_suspicions(joints: dict[str, float], scales: dict[str, float]) -> list[str]:

@@ -8,6 +8,7 @@ from massid.audit.balance import measure_balance
 from massid.audit.forces import Rest, Weight, check_rest, check_weight, weight_suspicions
 from massid.audit.kinematics import Kinematics, check_kinematics
 from massid.audit.lag import Lag, estimate_lag, lag_margin
+from massid.audit.limits import limit_suspicions
 from massid.audit.one_step import OneStep, one_step_residual
 from massid.audit.self_contact import SelfContact, find_self_contact, self_contact_warnings, without_samples
 from massid.log.walk import Walk
@@ -61,7 +62,7 @@ def audit_walk(robot: Robot, walk: Walk, *, thorough: bool = False) -> Audit:
     walk = robot.align(walk)
     kinematics = check_kinematics(walk)
     contact = find_self_contact(robot, walk)
-    lines = [*kinematics.suspicions, *self_contact_warnings(contact)]
+    lines = [*kinematics.suspicions, *limit_suspicions(robot, walk), *self_contact_warnings(contact)]
     if contact.samples.any():
         walk = without_samples(walk, contact.samples)
     weight = check_weight(robot, walk)
