@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
+from massid.identify.result import Uncertainty
+from massid.noise import PRESETS
 from massid.search.proposal import Role
 from massid.view.motion import sample_motion
 from massid.view.span import plot_end_s
@@ -83,3 +85,15 @@ def test_numbers_have_the_digits_they_deserve() -> None:
     assert format_error(0.0) == "+0.000"
     assert format_kg(6.0) == "6.00 kg"
     assert format_kg(2e-5) == "2e-05 kg"
+
+
+def test_intervals_are_known_where_the_result_knows_them(online: Story) -> None:
+    """Hidden links have none; the last row has those of the result, earlier ones those of their windows."""
+    n = len(online.result.space)
+    noise, identifiable = PRESETS["white"], np.arange(n) != 1
+    uncertainty = Uncertainty(noise, np.diag(np.full(n, 0.04)), 1.0, 1.0, 0.3, (), np.zeros(0), np.zeros(0))
+    excitation = replace(online.result.excitation, identifiable=identifiable)
+    trace = Trace.of(replace(online.result, uncertainty=uncertainty, excitation=excitation), None)
+    assert np.all(np.isnan(trace.half_width_kg[:-1]))
+    np.testing.assert_array_equal(np.isfinite(trace.half_width_kg[-1]), identifiable)
+    np.testing.assert_allclose(trace.half_width_kg[-1, 0], 1.96 * 0.2, rtol=1e-3)

@@ -8,6 +8,8 @@ from massid.identify.motion import Motion, MotionFacts, neighbouring_joints
 from massid.robot import Robot
 
 _NAMED = 4
+_LONGEST_S = 60.0
+"""A log that would have to be longer is not recommended: sensors' offsets drift."""
 _ENOUGH_RAD = 0.1
 """Excursion (standard deviation) beyond which a joint is not said to move too little [rad]."""
 
@@ -49,10 +51,10 @@ def advise(
             lines = [_STANDING, *stiff]
         case Motion.MOVING:
             lines = stiff or ["larger and faster motion of " + ", ".join(hidden)]
-    if enough_s is not None:
+    if enough_s is not None and enough_s <= _LONGEST_S:
         lines.append(f"more of the same motion: {enough_s:.3g} s would do")
     elif facts.motion is not Motion.IN_THE_AIR:
-        lines.append("more of the same motion would not help: what is missing hides behind the sensors' offsets")
+        lines.append("more of the same motion would hardly help: what is missing hides behind the sensors' offsets")
     return tuple(lines)
 
 

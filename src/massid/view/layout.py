@@ -28,7 +28,7 @@ def make_blueprint(trace: Trace, motion: Motion, robot: Robot) -> rrb.Blueprint:
     )
     masses = rrb.TimeSeriesView(
         origin="/mass",
-        name="Estimate minus model file [kg]" + ("; thin: truth" if trace.has_truth else ""),
+        name="Estimate minus model file [kg]" + _thin_lines(trace),
         axis_x=axis,
         plot_legend=legend,
     )
@@ -91,6 +91,13 @@ def _scene(trace: Trace, motion: Motion, robot: Robot) -> rrb.Spatial3DView:
             kind=rrb.Eye3DKind.Orbital, position=position, look_target=target, tracking_entity=f"/{TARGET}"
         ),
     )
+
+
+def _thin_lines(trace: Trace) -> str:
+    """What the thin lines among the masses are."""
+    names = ["truth"] if trace.has_truth else []
+    names += ["95 % interval"] if np.isfinite(trace.std_kg).any() else []
+    return f"; thin: {', '.join(names)}" if names else ""
 
 
 def _plot_axis(trace: Trace, motion: Motion) -> rrb.TimeAxis:

@@ -30,6 +30,11 @@ def truth_path(link: str) -> str:
     return _path(["mass", "true", link])
 
 
+def interval_path(link: str, end: str) -> str:
+    """Lower or upper end of the 95 % interval of a link's change."""
+    return _path(["mass", "interval", link, end])
+
+
 def contact_path(name: str) -> str:
     """Vertical force on a contact body."""
     return _path([FORCES, name])

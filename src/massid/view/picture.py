@@ -207,6 +207,9 @@ def _draw_masses(axis: Any, trace: Trace, end_s: float) -> None:
         if trace.has_truth:
             axis.axhline(trace.reference_kg[k] - trace.nominal_kg[k], color=colour, lw=0.9, ls=(0, (4, 3)))
         _steps(axis, np.append(x, end), np.append(change[:, k], change[-1, k]), color=colour, lw=2.0)
+        half = trace.drawn_half_width_kg[:, k]
+        low, high = (np.append(ends, ends[-1]) for ends in (change[:, k] - half, change[:, k] + half))
+        axis.fill_between(np.append(x, end), low, high, step="post", color=colour, alpha=0.18, lw=0)
     _finish(axis, trace, end_s)
     low, high = axis.get_ylim()
     places = _spread(change[-1], min(LABEL_GAP, 1.0 / len(trace.links)) * (high - low))
@@ -223,13 +226,16 @@ def _draw_masses(axis: Any, trace: Trace, end_s: float) -> None:
             annotation_clip=False,
         )
     axis.set_ylabel("estimate − model file [kg]")
-    axis.set_title("Each link's mass" + ("; dashed: truth" if trace.has_truth else ""))
+    bands = "; bands: 95 %" if np.isfinite(trace.std_kg).any() else ""
+    axis.set_title("Each link's mass" + ("; dashed: truth" if trace.has_truth else "") + bands)
 
 
 def _label(trace: Trace, k: int) -> str:
     if not trace.identifiable[k]:
         return f"{trace.links[k]} not identifiable"
-    return f"{trace.links[k]} {trace.estimate_kg[-1, k]:.2f} kg"
+    half = trace.half_width_kg[-1, k]
+    interval = f" ±{half:.2f}" if np.isfinite(half) else ""
+    return f"{trace.links[k]} {trace.estimate_kg[-1, k]:.2f}{interval} kg"
 
 
 def _spread(values: FloatArray, gap: float) -> FloatArray:

@@ -36,6 +36,7 @@ from massid.view.names import (
     body_path,
     contact_path,
     estimate_path,
+    interval_path,
     models_path,
     truth_path,
 )
@@ -109,6 +110,7 @@ class _Writer:
             colour = colours.LINK_COLOURS[k % len(colours.LINK_COLOURS)]
             change = trace.estimate_kg[:, k] - trace.nominal_kg[k]
             self._line(estimate_path(link), change, link, colour, 2.5)
+            self._interval(link, change, trace.drawn_half_width_kg[:, k], colour)
             if trace.has_truth:
                 true = np.full(len(change), trace.reference_kg[k] - trace.nominal_kg[k])
                 self._line(truth_path(link), true, link, colour, 1.0)
@@ -210,6 +212,16 @@ class _Writer:
             ),
             static=True,
         )
+
+    def _interval(self, link: str, change: FloatArray, half_width: FloatArray, colour: str) -> None:
+        """Thin lines at both ends of the 95 % interval, from the first update that has one; the viewer has no bands."""
+        known = np.flatnonzero(np.isfinite(half_width))
+        if not len(known):
+            return
+        first = int(known[0])
+        for end, sign in (("low", -1.0), ("high", 1.0)):
+            values = (change + sign * half_width)[first:]
+            self._line(interval_path(link, end), values, link, colour, 0.8, first=first, opacity=0.6)
 
     def _scores(self, role: Role) -> None:
         """One point per model and window; fewer models than in other windows leave gaps."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from massid.identify.result import Result
 from massid.score import Score
 from massid.view.trace import Trace
@@ -18,10 +20,11 @@ def table_markdown(trace: Trace, update: int, result: Result, score: Score | Non
         columns = "true [kg] | error [kg]"
     if update == len(trace.updates):
         summary += f", {result.status}"
+    interval = ", 95 %" if np.isfinite(trace.std_kg).any() else ""
     lines = [
         f"{heading}: {summary}",
         "",
-        f"| link | model file [kg] | estimate [kg] | {columns} |",
+        f"| link | model file [kg] | estimate{interval} [kg] | {columns} |",
         "|:--|--:|--:|--:|--:|",
     ]
     lines += [_row(trace, update, k) for k in range(len(trace.links))]
@@ -29,9 +32,11 @@ def table_markdown(trace: Trace, update: int, result: Result, score: Score | Non
 
 
 def _row(trace: Trace, update: int, k: int) -> str:
+    half = trace.half_width_kg[update, k]
+    interval = f" ±{half:.3f}" if np.isfinite(half) else ""
     error = format_error(float(trace.error_kg[update, k]))
     return (
-        f"| {trace.links[k]} | {trace.nominal_kg[k]:.3f} | **{trace.estimate_kg[update, k]:.3f}** "
+        f"| {trace.links[k]} | {trace.nominal_kg[k]:.3f} | **{trace.estimate_kg[update, k]:.3f}**{interval} "
         f"| {trace.reference_kg[k]:.3f} | {error if trace.identifiable[k] else f'{error} (not identifiable)'} |"
     )
 

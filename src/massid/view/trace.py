@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from massid.identify.posterior import INTERVAL_95
 from massid.identify.result import Result, WindowResult
 from massid.parameters import Kind
 from massid.score import Score
@@ -33,6 +34,7 @@ class Trace:
         identifiable: whether the log reveals each link, shape (n_links,).
         mode: "online" or "offline".
         update_time_s: time of each row in the log; offline all updates come at its end, shape (1 + n_updates,).
+        std_kg: standard deviation of each row's estimate, shape (1 + n_updates, n_links); NaN where none is known.
     """
 
     links: tuple[str, ...]
@@ -44,6 +46,7 @@ class Trace:
     updates: tuple[WindowResult, ...]
     mode: str
     update_time_s: FloatArray
+    std_kg: FloatArray
 
     @classmethod
     def of(cls, result: Result, score: Score | None) -> Trace:
@@ -64,6 +67,7 @@ class Trace:
             updates=result.windows,
             mode=result.mode,
             update_time_s=np.array([0.0, *(window.time_s for window in result.windows)]),
+            std_kg=_deviations(result)[:, masses],
         )
 
     @property
@@ -75,6 +79,17 @@ class Trace:
     def nominal_kg(self) -> FloatArray:
         """Masses of the model file, shape (n_links,)."""
         return np.asarray(self.estimate_kg[0], dtype=np.float64)
+
+    @cached_property
+    def half_width_kg(self) -> FloatArray:
+        """Half the width of each row's 95 % interval, NaN where it is unknown, shape (1 + n_updates, n_links)."""
+        return INTERVAL_95 * self.std_kg
+
+    @cached_property
+    def drawn_half_width_kg(self) -> FloatArray:
+        """The same, without intervals so wide that a plot which held them would show nothing else."""
+        widest = 1.5 * float(np.abs(self.estimate_kg - self.nominal_kg).max())
+        return np.where(self.half_width_kg < widest, self.half_width_kg, np.nan)
 
     @cached_property
     def error_kg(self) -> FloatArray:
@@ -116,3 +131,15 @@ class Trace:
         """Finite scores of the models of one window that had a role."""
         scores = self.updates[update].mu[self.rows_of(update, role)]
         return np.maximum(scores[np.isfinite(scores)], FLOOR_MU)
+
+
+def _deviations(result: Result) -> FloatArray:
+    """Standard deviations of every row and parameter, NaN where none is known; the last row has those of the result."""
+    out = np.full((1 + len(result.windows), len(result.space)), np.nan)
+    for row, window in enumerate(result.windows, start=1):
+        if window.std is not None:
+            out[row] = window.std
+    if result.uncertainty is not None:
+        out[-1] = result.uncertainty.std
+    out[:, ~result.excitation.identifiable] = np.nan
+    return out
