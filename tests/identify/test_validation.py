@@ -43,6 +43,13 @@ def test_true_masses_predict_held_out_torques_and_carry_the_weight(pushed: Pushe
     assert found.checked(validation).to_json()["validation"]["weight"]["agrees"]
 
 
+def test_hidden_links_do_not_upset_the_weight(pushed: Pushed, found: Result) -> None:
+    hidden = replace(found.excitation, identifiable=np.arange(len(pushed.space)) > 2)
+    weight = validate(replace(found, excitation=hidden), [pushed.walk], [None], pushed.robot).weight
+    assert weight is not None
+    assert weight.agrees
+
+
 def test_a_scale_that_reads_too_much_is_noticed(pushed: Pushed, found: Result) -> None:
     walk = replace(pushed.walk, wrench=1.02 * pushed.walk.wrench)
     (warning,) = validate(found, [walk], [None], pushed.robot).warnings()

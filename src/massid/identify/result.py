@@ -152,8 +152,11 @@ class Result:
         return replace(self, validation=validation, warnings=self.warnings + validation.warnings())
 
     def unknowns(self) -> tuple[ParameterSpace, FloatArray]:
-        """Everything that was estimated for the first log, nuisances included, and its values, shape (n,)."""
-        parameters, values = list(self.space.parameters), self.reported.tolist()
+        """Everything that was estimated for the first log, nuisances included, and its values, shape (n,).
+
+        Hidden links have the values that the search ended with: with the others' they add up to what the log does show.
+        """
+        parameters, values = list(self.space.parameters), self.estimate.tolist()
         if self.uncertainty is not None:
             found = self.uncertainty
             for parameter, value in zip(found.nuisances, found.nuisance_estimate.tolist(), strict=True):
