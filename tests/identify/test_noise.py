@@ -75,7 +75,7 @@ def test_an_impossible_noise_level_is_refused() -> None:
 
 @pytest.mark.parametrize("identify", [identify_online, identify_offline])
 def test_truth_lies_within_a_few_deviations(identify, pushed: Pushed) -> None:  # type: ignore[no-untyped-def]
-    result = identify(_measured(pushed), pushed.robot, pushed.space, WHITE)
+    result = identify(_measured(pushed), pushed.robot, pushed.space, replace(WHITE, dwell_s=0.2))
     assert result.uncertainty is not None
     deviations = np.abs(result.estimate - pushed.truth) / result.uncertainty.std
     assert deviations.max() < 4.0

@@ -87,8 +87,8 @@ def test_diverged_models_are_reported_and_the_others_go_on(pushed: Pushed, capfd
 
         def restart(self) -> None: ...
 
-        def state_shift(self, tangent_change: FloatArray) -> FloatArray:
-            return np.zeros(28)
+        def state_shift(self, tangent_changes: FloatArray) -> FloatArray:
+            return np.zeros((len(tangent_changes), 28))
 
         def gains(self, block: ReplayBlock) -> InjectionGains:
             nv = block.qvel.shape[1]

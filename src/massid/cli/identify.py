@@ -45,8 +45,9 @@ class Identify:
     """Links to weigh, separated by commas; default torso, thighs, calves and feet."""
     topics: OptionalTopics = None
     """Topic map: a YAML file, or a preset such as ros2 or unitree_g1; default what massid records."""
-    mode: Literal["online", "offline"] = "online"
-    """online sees every dwell window once; offline replays the log and sums over all windows."""
+    mode: Literal["auto", "online", "offline"] = "auto"
+    """online sees every dwell window once; offline replays the log and sums over all windows, which gets more out of a
+    noisy log; auto is online for a log without noise, and else offline."""
     truth: OptionalFile = None
     """NAME.truth.json of a simulated walk: adds true masses and errors to what is printed, nothing else."""
     json: OptionalFile = None
@@ -66,6 +67,7 @@ class Identify:
         from massid.audit import prepare_walks
         from massid.cli.console import print_result, progress_bar, say, warn
         from massid.identify import identify_offline, identify_online
+        from massid.identify.sensing import resolve_noise
         from massid.identify.validation import hold_out, validate
         from massid.identify.verdict import foresee
         from massid.log import TopicMap, load_topics, read_walk
@@ -95,7 +97,8 @@ class Identify:
             verdict = foresee(fitted, robot, space, options, progress)
         if not verdict.hidden:
             say(f"verdict: {verdict.lines()[0]}\n")
-        identify = identify_online if self.mode == "online" else identify_offline
+        noisy = resolve_noise(fitted[0], robot, options) is not None
+        identify = identify_offline if self.mode == "offline" or (self.mode == "auto" and noisy) else identify_online
         with progress_bar("identifying") as progress:
             result = identify(fitted, robot, space, options, progress).judged(verdict)
         result = result.checked(validate(result, walks, held, robot))

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
-
-import numpy as np
 
 from massid.identify.options import IdentifyOptions
 from massid.noise import SensorNoise
 from massid.observer.bank import RobotBank
 from massid.observer.injection import InertiaShapedInjection, OutputInjection
+from massid.observer.inputs import InputBelief
 from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
-from massid.observer.noise_bias import InputNoise, NoiseBias
 from massid.observer.tangents import TangentFilter
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
@@ -57,15 +56,20 @@ def assemble(
     if noise is None:
         injection = InertiaShapedInjection(model, options.bandwidth_rad_s, options.damping_ratio)
     else:
-        lineariser = Lineariser(model, robot.layout)
-        tangents = TangentFilter(robot, space.tangents, contact_bodies, lineariser) if space.tangents else None
-        inputs = InputNoise(
-            np.full(len(robot.joint_names), noise.effort**2), np.tile(noise.wrench_std() ** 2, len(contact_bodies))
-        )
-        bias = NoiseBias(robot, space.parameters, contact_bodies, lineariser, inputs)
-        injection = KalmanInjection(lineariser, robot.layout, noise, bias, tangents)
+        beliefs = InputBelief(model, robot.layout, noise)
+        model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
+        lineariser = Lineariser(copy.copy(model), robot.layout)
+        tangents = TangentFilter(robot, space.parameters, contact_bodies, lineariser)
+        injection = KalmanInjection(lineariser, robot.layout, noise, beliefs, tangents)
     bank = RobotBank(
-        robot, space, contact_bodies, options.bank_size, injection, timestep_s=timestep_s, n_threads=options.threads
+        robot,
+        space,
+        contact_bodies,
+        options.bank_size,
+        injection,
+        timestep_s=timestep_s,
+        n_threads=options.threads,
+        model=model,
     )
     if noise is None:
         return Assembly(bank, None, options.forgetting_rate)

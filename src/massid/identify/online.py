@@ -19,6 +19,7 @@ from massid.identify.result import Result, WindowResult
 from massid.log.walk import Sample, Walk
 from massid.noise import SensorNoise
 from massid.observer.blas import single_threaded
+from massid.observer.inputs import LOOK_AHEAD
 from massid.observer.replay import SampleBuffer
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
@@ -28,7 +29,9 @@ from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 
 BLOCK_STEPS = 50
-"""Samples that are handed to the bank at a time; the only buffer there is."""
+"""Samples that are handed to the bank at a time."""
+LARGEST_BEND = 1.0
+"""Beyond it a window of a noisy log has taught where to look next, and no more."""
 
 
 class OnlineIdentifier:
@@ -61,9 +64,10 @@ class OnlineIdentifier:
         self.space = space
         self._robot = robot
         self._rng = np.random.default_rng(self.options.seed)
-        self._search = GuidedSearch(space, self.options.bank_size, self.options.search, self._rng)
+        self._search = GuidedSearch(space, self.options.bank_size, self.options.search_for(noise), self._rng)
         self._windows: list[WindowResult] = []
         self._converged = False
+        self._is_rough = True
         self._pushed = 0
         self._log_s = self._earlier_s = 0.0
         self._started = time.perf_counter()
@@ -82,7 +86,9 @@ class OnlineIdentifier:
         robot = self._robot
         assembly = assemble(robot, self.space, contact_bodies, timestep_s, noise, self.options)
         self._bank, self._forgetting_rate = assembly.bank, assembly.forgetting_rate
-        self._buffer = SampleBuffer(robot.layout, len(robot.joint_names), len(contact_bodies), BLOCK_STEPS + 1)
+        self._look_ahead = 0 if noise is None else LOOK_AHEAD
+        capacity = BLOCK_STEPS + self._look_ahead + 1
+        self._buffer = SampleBuffer(robot.layout, len(robot.joint_names), len(contact_bodies), capacity)
         self._is_first = True
         self._first_stamp_ns: int | None = None
         self._last_stamp_ns = 0
@@ -116,7 +122,7 @@ class OnlineIdentifier:
         if self._belief is not None and prior is not None:
             self._information = self._belief = hand_over(self._belief, before, space)
             radius = max(self._search.radius, self.options.search.smallest_radius)
-            options = replace(self.options.search, radius=radius, scan=())
+            options = replace(self.options.search_for(noise), radius=radius, scan=())
             estimate = start_from(self._search.estimate, before, space)
             self._search = GuidedSearch(space, self.options.bank_size, options, self._rng, [estimate])
         self._open_window()
@@ -141,9 +147,11 @@ class OnlineIdentifier:
         """
         if self._converged:
             return None
+        closed = None
         if self._first_stamp_ns is None:
             self._first_stamp_ns = sample.stamp_ns
         elif abs((sample.stamp_ns - self._last_stamp_ns) * 1e-9 - self._timestep_s) > 0.5 * self._timestep_s:
+            closed = self.finish()
             self._open_window()
             self._buffer.clear()
             self._is_first = True
@@ -151,12 +159,21 @@ class OnlineIdentifier:
         self._pushed += 1
         self._log_s += self._timestep_s
         self._buffer.append(sample)
-        window_is_full = self._steps + self._buffer.n_steps == self._window_steps
-        if self._buffer.n_steps < BLOCK_STEPS and not window_is_full:
-            return None
-        with single_threaded():
-            self._advance()
-            return self._close_window() if window_is_full else None
+        return self._work(self._buffer.n_steps - self._look_ahead) or closed
+
+    def finish(self) -> WindowResult | None:
+        """Use the last samples of a walk, of which nothing follows; returns an update if they complete a window.
+
+        Sensor noise makes each sample wait for those that follow it. To be called at the end of a walk; more samples
+        may be pushed.
+
+        Raises:
+            DivergedBankError: too few models stayed finite in the window that is completed.
+        """
+        closed = None
+        while not self._converged and self._buffer.n_steps >= self._due:
+            closed = self._work(self._buffer.n_steps) or closed
+        return closed
 
     def result(self, sources: Sequence[str] = ("walk",), warnings: Sequence[str] = ()) -> Result:
         """What has been found so far.
@@ -176,7 +193,7 @@ class OnlineIdentifier:
         return conclude(
             Findings(self.space, self.estimate, self._information, (), self._noise, self._last),
             self._windows,
-            self._converged,
+            self._converged or not self._is_rough,
             LogFacts("online", self._log_s, self._timestep_s, tuple(sources), tuple(warnings)),
             time.perf_counter() - self._started,
         )
@@ -187,8 +204,21 @@ class OnlineIdentifier:
         self._filter = MonitoringFilter(self.options.bank_size, self._timestep_s, self._forgetting_rate)
         self._steps = 0
 
-    def _advance(self) -> None:
-        block = self._buffer.block()
+    @property
+    def _due(self) -> int:
+        """Steps that the bank takes at a time, without passing the end of the window."""
+        return min(BLOCK_STEPS, self._window_steps - self._steps)
+
+    def _work(self, ready: int) -> WindowResult | None:
+        """Advance the bank if enough steps are ready, and close the window if that fills it."""
+        if ready < self._due:
+            return None
+        with single_threaded():
+            self._advance(self._due)
+            return self._close_window() if self._steps == self._window_steps else None
+
+    def _advance(self, n_steps: int) -> None:
+        block = self._buffer.block(n_steps)
         if self._steps == 0:
             if self._is_first or not self._bank.carries_belief:
                 self._bank.restart(block)
@@ -196,8 +226,8 @@ class OnlineIdentifier:
                 self._bank.carry_on(self._samples)
             self._is_first = False
         self._filter.update(self._bank.advance(block))
-        self._steps += len(block)
-        self._buffer.keep_last()
+        self._steps += n_steps
+        self._buffer.drop(n_steps)
 
     def _close_window(self) -> WindowResult:
         monitoring = self._filter.result(self._proposal, self._belief)
@@ -211,25 +241,38 @@ class OnlineIdentifier:
             self._converged = iteration.status is SearchStatus.CONVERGED
             std = None
         else:
-            self._information = self._belief = self._belief + _discounted(
-                window_quadratic, iteration.estimate, self.space.n_sampled
-            )
+            found = posterior(self.space, self._belief + window_quadratic)
+            bend = _bend(window_quadratic, iteration.estimate, found.covariance, self.space)
+            # Too far for the models to start the next window where they would stand there.
+            self._is_first = self._is_rough = bend > LARGEST_BEND
+            self._information = self._belief = self._belief + window_quadratic.scaled(1.0 / (1.0 + bend))
             std = posterior(self.space, self._belief).std[: self.space.n_sampled]
-        time_s = self._earlier_s + (self._last_stamp_ns - (self._first_stamp_ns or 0)) * 1e-9
+        waiting_s = self._buffer.n_steps * self._timestep_s
+        time_s = self._earlier_s + (self._last_stamp_ns - (self._first_stamp_ns or 0)) * 1e-9 - waiting_s
         window = replace(WindowResult.from_iteration(iteration, time_s, std), index=len(self._windows))
         self._windows.append(window)
         self._open_window()
         return window
 
 
-def _discounted(window: LocalQuadratic, estimate: FloatArray, n_sampled: int) -> LocalQuadratic:
-    """Weight a window's information by how far it can be trusted at the estimate that it led to.
+def _bend(window: LocalQuadratic, estimate: FloatArray, covariance: FloatArray, space: ParameterSpace) -> float:
+    """Variance by which a window's quadratic may mislead at an estimate, in units of the noise's variance.
 
-    The samples left `misfit` unexplained when they changed mu by `explained`; at the estimate, where mu differs by D
-    from the centre, that is misfit (D / explained)^2 in units of variance, to be added to the 1 that noise is.
+    Dynamics are rational functions of the masses: where a mass moves by a fraction rho of itself, derivatives of the
+    output error by it, and by the errors of sensors, change by about rho. So does what was explained with them.
+
+    Args:
+        window: quadratic of one dwell window, around its own centre.
+        estimate: where the search went, shape (n_p,).
+        covariance: how uncertain that is, shape (n_p, n_p).
+        space: what is unknown.
     """
-    change = window.change(estimate - window.centre, n_sampled)
-    return window.scaled(1.0 / (1.0 + window.misfit * (change / window.explained) ** 2))
+    sampled, tangents = slice(space.n_sampled), slice(space.n_sampled, None)
+    offset = estimate - window.centre
+    squared = np.outer(offset, offset) + covariance
+    explained = 0.5 * window.curvature * squared
+    fraction = np.diagonal(squared)[sampled] / space.scale[sampled] ** 2
+    return float(fraction @ np.diagonal(explained)[sampled] + fraction.max() * explained[tangents, tangents].sum())
 
 
 def identify_online(
@@ -271,5 +314,6 @@ def identify_online(
                 progress(pushed / n_samples, f"window {window.index + 1}")
             if identifier.converged:
                 break
+        identifier.finish()
     progress(1.0, "done")
     return identifier.result([log.walk.source for log in logs], gather_warnings(logs))

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from massid.errors import BadInputError
-from massid.noise import NoisePreset
+from massid.noise import NoisePreset, SensorNoise
 from massid.search.guided import SearchOptions
 
 
@@ -39,6 +39,14 @@ class IdentifyOptions:
     threads: int = 0
     seed: int = 0
     search: SearchOptions = field(default_factory=SearchOptions)
+
+    def search_for(self, noise: SensorNoise | None) -> SearchOptions:
+        """How to search in a log with such noise.
+
+        A model that is too heavy answers less to the noise in its inputs, and scores better for it: in a noisy log mu
+        does not choose among candidates.
+        """
+        return self.search if noise is None else replace(self.search, candidates=0)
 
     def __post_init__(self) -> None:
         positive = {"bank_size": self.bank_size, "dwell_s": self.dwell_s, "bandwidth_rad_s": self.bandwidth_rad_s}

@@ -67,7 +67,7 @@ class WindowResult:
     def from_iteration(cls, iteration: Iteration, time_s: float, std: FloatArray | None = None) -> WindowResult:
         """Keep what is worth keeping of a search iteration: of the points, the parameters that were asked for."""
         monitoring = iteration.monitoring
-        asked = slice(monitoring.n_sampled)
+        asked = slice(monitoring.proposal.n_sampled)
         return cls(
             index=iteration.index,
             time_s=time_s,

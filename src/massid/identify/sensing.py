@@ -13,6 +13,7 @@ from massid.identify.options import IdentifyOptions
 from massid.log.walk import Walk
 from massid.log.white_noise import white_level
 from massid.noise import PRESETS, SensorNoise
+from massid.observer.contact_gate import is_unloaded
 from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.robot import Robot
 from massid.typing import FloatArray
@@ -83,21 +84,34 @@ def nuisances(
 ) -> tuple[Parameter, ...]:
     """What else is not known: slow errors of every sensor, and the masses of the links that were not asked for."""
     axes = [f"{body}/{axis}" for body in walk.contact_bodies for axis in range(6)]
-    force_axes = [name for name in axes if name[-1] in "012"]
     slow: list[tuple[Kind, Sequence[str], float]] = [
         (Kind.EFFORT_OFFSET, robot.joint_names, noise.effort_offset),
         (Kind.EFFORT_GAIN, robot.joint_names, noise.effort_gain),
         (Kind.ENCODER_OFFSET, robot.joint_names, noise.joint_position_offset),
-        (Kind.WRENCH_OFFSET, force_axes, noise.force_offset),
         (Kind.WRENCH_GAIN, axes, noise.wrench_gain),
     ]
     found = [Parameter.nuisance(kind, name, std) for kind, names, std in slow if std > 0.0 for name in names]
+    if noise.force_offset > 0.0:
+        found += _force_offsets(walk, noise)
     if options.other_links > 0.0:
         for link in robot.links:
             if link not in links:
                 mass_kg = robot.nominal_mass_kg(link)
                 found.append(Parameter.nuisance(Kind.MASS, link, options.other_links * mass_kg, mass_kg))
     return tuple(found)
+
+
+def _force_offsets(walk: Walk, noise: SensorNoise) -> list[Parameter]:
+    """Offsets of the force sensors, with what their readings off the ground say about them."""
+    unloaded = is_unloaded(walk.wrench.reshape(len(walk), -1), noise)
+    found = []
+    for contact, body in enumerate(walk.contact_bodies):
+        readings = walk.wrench[unloaded[:, contact], contact, :3]
+        precision = noise.force_offset**-2 + len(readings) / noise.force**2
+        means = readings.sum(axis=0) / noise.force**2 / precision
+        for axis, mean in enumerate(means.tolist()):
+            found.append(Parameter.nuisance(Kind.WRENCH_OFFSET, f"{body}/{axis}", precision**-0.5, mean))
+    return found
 
 
 def with_nuisances(

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import mujoco
 import numpy as np
 
 from massid.observer.engine import BatchEngine
 from massid.observer.injection import InertiaShapedInjection, OutputInjection
+from massid.observer.inputs import BelievedBlock
 from massid.observer.kernels import correct_state, state_difference
 from massid.observer.replay import ReplayBlock
 from massid.parameters import ParameterSpace
@@ -27,8 +29,9 @@ class RobotBank:
         contact_bodies: bodies whose wrench was measured, in the order of the blocks' columns.
         n_models: size of the bank N.
         injection: how the models are pulled towards the measurement; default `InertiaShapedInjection`.
-        timestep_s: sample period of the walk; default the model's own time step [s].
+        timestep_s: sample period of the walk; default the time step of the model [s].
         n_threads: worker threads; 0 for one per processor.
+        model: identification model; default that of the robot. It is not written to.
     """
 
     def __init__(
@@ -40,12 +43,14 @@ class RobotBank:
         injection: OutputInjection | None = None,
         timestep_s: float | None = None,
         n_threads: int = 0,
+        model: mujoco.MjModel | None = None,
     ) -> None:
         self.robot = robot
         self.space = space
-        model = robot.identification_model(contact_bodies)
-        if timestep_s is not None:
-            model.opt.timestep = timestep_s
+        if model is None:
+            model = robot.identification_model(contact_bodies)
+            if timestep_s is not None:
+                model.opt.timestep = timestep_s
         self._timestep_s = float(model.opt.timestep)
         self._engine = BatchEngine(model, n_models, n_threads)
         self._injection: OutputInjection = InertiaShapedInjection(model) if injection is None else injection
@@ -105,7 +110,7 @@ class RobotBank:
         by_parameter, *_ = np.linalg.lstsq(offsets, -to_centre[samples])
         change = self._points - self._points_before[0]
         shift = (change[:, :n_sampled] / self.space.scale[:n_sampled]) @ by_parameter
-        shift += self._injection.state_shift(change[0, n_sampled:])
+        shift += self._injection.state_shift(change[:, n_sampled:])
         engine.qpos[:], engine.qvel[:] = engine.qpos[0], engine.qvel[0]
         correct_state(engine.qpos, engine.qvel, shift, *addresses)
         self._compare(*self._last_measured)
@@ -114,6 +119,7 @@ class RobotBank:
         """Run every model through the block; see `OutputErrors`."""
         engine, layout = self._engine, self.robot.layout
         gains = self._injection.gains(block)
+        inputs = block if gains.inputs is None else gains.inputs
         innovation, injected = self._innovation, self._injected
         addresses = (layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof)
         self._last_measured = (block.qpos[-1].copy(), block.qvel[-1].copy())
@@ -122,10 +128,7 @@ class RobotBank:
             for k in range(len(block)):
                 if gains.state is not None:
                     correct_state(engine.qpos, engine.qvel, innovation @ gains.state[k].T, *addresses)
-                engine.force[:] = block.effort[k]
-                engine.wrench[:] = block.wrench[k]
-                if self._sensors is not None:
-                    self._correct_inputs(self._sensors)
+                self._apply_inputs(inputs, k)
                 if gains.force is not None:
                     np.matmul(innovation, gains.force[k].T, out=injected)
                     np.add(engine.force, injected, out=engine.force)
@@ -140,7 +143,6 @@ class RobotBank:
             values=errors.transpose(1, 0, 2),
             diverged=engine.diverged(),
             tangents=None if gains.tangents is None else gains.tangents.transpose(1, 0, 2),
-            noise_slope=gains.noise_slope,
         )
 
     def _compare(self, qpos: FloatArray, qvel: FloatArray) -> None:
@@ -151,8 +153,14 @@ class RobotBank:
         if self._sensors is not None:
             self._innovation[:, layout.joint_dof] -= self._sensors.encoder_offset
 
-    def _correct_inputs(self, sensors: SensorErrors) -> None:
-        """Take the sensors' errors out of the inputs."""
-        engine, dof = self._engine, self.robot.layout.joint_dof
-        engine.force[:, dof] = (engine.force[:, dof] - sensors.effort_offset) / (1.0 + sensors.effort_gain)
-        engine.wrench[:] = (engine.wrench - sensors.wrench_offset) / (1.0 + sensors.wrench_gain)
+    def _apply_inputs(self, inputs: ReplayBlock, k: int) -> None:
+        """Give the models the inputs of a step, with the sensors' errors taken out."""
+        engine, dof, sensors = self._engine, self.robot.layout.joint_dof, self._sensors
+        engine.force[:] = inputs.effort[k]
+        engine.wrench[:] = inputs.wrench[k]
+        if sensors is not None:
+            engine.force[:, dof] = (engine.force[:, dof] - sensors.effort_offset) / (1.0 + sensors.effort_gain)
+            engine.wrench[:] = (engine.wrench - sensors.wrench_offset) / (1.0 + sensors.wrench_gain)
+        if isinstance(inputs, BelievedBlock):
+            engine.force[:] += inputs.friction[k]
+            engine.wrench[:] *= inputs.loaded[k]

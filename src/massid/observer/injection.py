@@ -13,6 +13,7 @@ from typing import ClassVar, Protocol
 import mujoco
 import numpy as np
 
+from massid.observer.inputs import BelievedBlock
 from massid.observer.replay import ReplayBlock
 from massid.robot import Realisation
 from massid.typing import FloatArray
@@ -28,15 +29,15 @@ class InjectionGains:
             when the state is left to the dynamics.
         whitener: weight of the output error at the end of each step, shape (n, n_y, 2 nv) or (2 nv,) for a constant
             diagonal; the monitoring signal integrates |whitener y~|^2.
-        noise_slope: slope of mu over the block that input noise alone causes, by parameter, shape (n_p,).
-        tangents: derivatives of whitener y~ by the parameters that have no models, shape (n, n_tangents, n_y).
+        inputs: what the inputs are believed to have been; None for what was measured.
+        tangents: derivatives of whitener y~ by the last parameters or by all, shape (n, n_parameters, n_y).
     """
 
     force: FloatArray | None
     state: FloatArray | None
     whitener: FloatArray
     tangents: FloatArray | None = None
-    noise_slope: FloatArray | None = None
+    inputs: BelievedBlock | None = None
 
 
 class OutputInjection(Protocol):
@@ -51,8 +52,15 @@ class OutputInjection(Protocol):
     def restart(self) -> None:
         """Forget everything that belongs to the dwell window before."""
 
-    def state_shift(self, tangent_change: FloatArray) -> FloatArray:
-        """By how much the state would differ, had the tangent parameters been different, shape (2 nv,)."""
+    def state_shift(self, tangent_changes: FloatArray) -> FloatArray:
+        """By how much states would differ, had the tangent parameters been different.
+
+        Args:
+            tangent_changes: one row for each model, shape (n_models, n_tangents).
+
+        Returns:
+            Shape (n_models, 2 nv).
+        """
 
     def gains(self, block: ReplayBlock) -> InjectionGains:
         """Gains for the samples of the block that comes next."""
@@ -90,9 +98,9 @@ class InertiaShapedInjection:
     def restart(self) -> None:
         """Nothing is carried over: the gain depends on the measured position alone."""
 
-    def state_shift(self, tangent_change: FloatArray) -> FloatArray:
+    def state_shift(self, tangent_changes: FloatArray) -> FloatArray:
         """Nothing: this injection knows no tangents."""
-        return np.zeros(2 * self.model.nv)
+        return np.zeros((len(tangent_changes), 2 * self.model.nv))
 
     def gains(self, block: ReplayBlock) -> InjectionGains:
         """Gains at the measured positions of the block."""

@@ -11,7 +11,6 @@ states.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -20,8 +19,8 @@ from scipy.linalg import lapack
 from massid.errors import BadInputError
 from massid.noise import SensorNoise
 from massid.observer.injection import InjectionGains
+from massid.observer.inputs import BelievedBlock, InputBelief
 from massid.observer.linearisation import Lineariser, StepLinearisation
-from massid.observer.noise_bias import NoiseBias, NoiseSensitivity
 from massid.observer.replay import ReplayBlock
 from massid.observer.tangents import TangentFilter
 from massid.robot import JointLayout, Realisation
@@ -35,7 +34,7 @@ class KalmanInjection:
         lineariser: the identification model at the current estimate.
         layout: addresses of the free joint and the one-axis joints.
         noise: standard deviations of the sensors.
-        bias: what input noise does to the slope of mu.
+        inputs: what is known of the inputs besides their readings.
         tangents: parameters that enter by their derivative; None for none.
         hold_steps: samples for which a linearisation is kept.
 
@@ -50,7 +49,7 @@ class KalmanInjection:
         lineariser: Lineariser,
         layout: JointLayout,
         noise: SensorNoise,
-        bias: NoiseBias,
+        inputs: InputBelief,
         tangents: TangentFilter | None = None,
         hold_steps: int = 5,
     ) -> None:
@@ -63,48 +62,55 @@ class KalmanInjection:
             raise BadInputError("A Kalman gain needs noise on every measured state; a log without noise is `clean`.")
         n_v = 6 + n_joints
         self._variance = np.concatenate([layout.to_qvel(std[:n_v] ** 2), layout.to_qvel(std[n_v:] ** 2)])
-        self._wrench_std = np.tile(noise.wrench_std(), lineariser.model.nu // 6)
-        self._effort_std = noise.effort
+        self._wrench_variance = np.tile(noise.wrench_std() ** 2, lineariser.model.nu // 6)
+        self._effort_variance = np.full(n_joints, noise.effort**2)
+        self._inputs = inputs
         self._covariance: FloatArray = np.diag(self._variance)
         self._gain: FloatArray = np.zeros_like(self._covariance)
-        self._bias = bias
-        self._adjoint: FloatArray = np.zeros_like(self._covariance)
 
     def place(self, realisation: Realisation) -> None:
         """Linearise at the centre, the first of the models."""
         self._lineariser.place(realisation)
+        self._inputs.place(realisation)
 
     def restart(self) -> None:
         """Believe the first measurement, with the noise it has."""
         self._covariance = np.diag(self._variance)
         self._gain = np.zeros_like(self._covariance)
-        self._adjoint = np.zeros_like(self._covariance)
+        self._inputs.restart()
         if self._tangents:
             self._tangents.restart()
 
-    def state_shift(self, tangent_change: FloatArray) -> FloatArray:
-        """By how much the state would differ, had the tangent parameters been different, shape (2 nv,)."""
-        if self._tangents is None:
-            return np.zeros_like(self._variance)
-        return self._tangents.state @ tangent_change
+    def state_shift(self, tangent_changes: FloatArray) -> FloatArray:
+        """By how much states would differ, had the tangent parameters been different.
+
+        Args:
+            tangent_changes: one row for each model, shape (n_models, n_tangents).
+
+        Returns:
+            Shape (n_models, 2 nv).
+        """
+        n_tangents = tangent_changes.shape[1]
+        if self._tangents is None or n_tangents == 0:
+            return np.zeros((len(tangent_changes), len(self._variance)))
+        return np.asarray(tangent_changes @ self._tangents.state[:, -n_tangents:].T)
 
     def gains(self, block: ReplayBlock) -> InjectionGains:
-        """Gains for the samples of a block; whiteners, tangents and noise slope for the errors after its steps.
+        """Gains for the samples of a block; whiteners and tangents for the errors after its steps.
 
         The correction at sample k uses the measurement of sample k; the innovation after the step is that of sample
         k + 1, whose covariance is S = P + R.
         """
         n, n_x = len(block), len(self._variance)
+        inputs = self._inputs.believe(block)
         gains = np.empty((n, n_x, n_x))
         whiteners = np.empty((n, n_x, n_x))
         tangents = np.empty((n, self._tangents.count, n_x)) if self._tangents else None
-        sensitivities = []
         root_h = np.sqrt(self._lineariser.model.opt.timestep)
         for k in range(n):
             if k % self._hold_steps == 0:
-                linear = self._lineariser.step(block, k)
-                process = self._process_noise(linear)
-                sensitivities.append(self._bias.sensitivity(linear))
+                linear = self._lineariser.step(inputs, k)
+                process = self._process_noise(linear, inputs, k)
             gains[k] = self._gain
             predicted = linear.transition @ self._covariance @ linear.transition.T + process
             predicted = 0.5 * (predicted + predicted.T)
@@ -117,40 +123,15 @@ class KalmanInjection:
             # mu integrates over time; dividing by the period makes it a sum over samples.
             whiteners[k] = inverse_factor / root_h
             if self._tangents and tangents is not None:
-                tangents[k] = (whiteners[k] @ self._tangents.step(block, k, self._gain, linear)).T
+                tangents[k] = (whiteners[k] @ self._tangents.step(inputs, k, self._gain, linear)).T
             scaled = inverse_factor @ predicted
             self._gain = scaled.T @ inverse_factor
             self._covariance = predicted - scaled.T @ scaled
-        slope = self._noise_slope(gains, whiteners * root_h, sensitivities)
-        return InjectionGains(force=None, state=gains, whitener=whiteners, tangents=tangents, noise_slope=slope)
+        return InjectionGains(force=None, state=gains, whitener=whiteners, tangents=tangents, inputs=inputs)
 
-    def _noise_slope(
-        self, gains: FloatArray, inverse_factors: FloatArray, sensitivities: Sequence[NoiseSensitivity]
-    ) -> FloatArray:
-        """Sum of tr(Lambda dQ/dp) over a block, shape (n_p,).
-
-        The recursion runs backwards; what lies behind the block is taken to be like what lay before it.
-        """
-        n = len(gains)
-        adjoint = self._adjoint
-        total = np.zeros_like(adjoint)
-        slope = None
-        for k in reversed(range(n)):
-            adjoint = inverse_factors[k].T @ inverse_factors[k] + adjoint
-            total += adjoint
-            if k % self._hold_steps == 0:
-                found = sensitivities[k // self._hold_steps].slope(total)
-                slope = found if slope is None else slope + found
-                total = np.zeros_like(adjoint)
-            # What an error before this step becomes after it.
-            transition = sensitivities[k // self._hold_steps].linear.transition
-            forward = transition - transition @ gains[k]
-            adjoint = forward.T @ adjoint @ forward
-        self._adjoint = adjoint
-        return np.asarray(slope)
-
-    def _process_noise(self, linear: StepLinearisation) -> FloatArray:
-        """Covariance that noisy inputs add in one step, shape (2 nv, 2 nv)."""
-        from_wrench = linear.from_wrench * self._wrench_std
-        from_effort = linear.from_effort * self._effort_std
+    def _process_noise(self, linear: StepLinearisation, inputs: BelievedBlock, k: int) -> FloatArray:
+        """Covariance that noisy inputs and sticking joints add in one step, shape (2 nv, 2 nv)."""
+        sticking = inputs.sticking[k : k + self._hold_steps].max(axis=0) * self._inputs.sticking_variance
+        from_wrench = linear.from_wrench * np.sqrt(self._wrench_variance * inputs.loaded[k])
+        from_effort = linear.from_effort * np.sqrt(self._effort_variance + sticking)
         return np.asarray(from_wrench @ from_wrench.T + from_effort @ from_effort.T)

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numba import njit
 
+from massid.observer.inputs import BelievedBlock
 from massid.observer.replay import ReplayBlock
 from massid.robot import JointLayout, Realisation, write_fields
 from massid.typing import FloatArray, IntArray
@@ -57,30 +58,21 @@ class Lineariser:
         from_wrench = np.zeros((2 * nv, model.nu))
         mujoco.mjd_transitionFD(model, data, FINITE_DIFFERENCE, False, transition, from_wrench, None, None)
         mujoco.mj_forward(model, data)
-        inertia = np.zeros((nv, nv))
-        mujoco.mj_fullM(model, data, inertia)
-        velocity = np.linalg.inv(inertia) * model.opt.timestep
+        velocity = np.linalg.inv(self._step_inertia()) * model.opt.timestep
         from_force = np.vstack([model.opt.timestep * velocity, velocity])
         return StepLinearisation(transition, from_force[:, self._layout.joint_dof], from_wrench, from_force)
 
-    def mass_matrices(self, bodies: IntArray) -> FloatArray:
-        """Part of the mass matrix that is due to single bodies, at the last linearised sample, (n_bodies, nv, nv)."""
-        model, data = self.model, self._data
-        out = np.zeros((len(bodies), model.nv, model.nv))
-        _body_mass_matrices(
-            data.cinert, data.cdof, model.body_parentid, model.body_dofadr, model.body_dofnum, bodies, out
-        )
-        return out
-
-    def inertial_forces(self, block: ReplayBlock, k: int, bodies: IntArray) -> FloatArray:
+    def inertial_forces(self, block: BelievedBlock, k: int, bodies: IntArray) -> FloatArray:
         """Generalised force that each body's own mass and inertia ask for at sample k, shape (nv, n_bodies).
 
-        This is the column of the inverse dynamics that is proportional to the mass, gravity included; the acceleration
-        is that of the model under the measured inputs.
+        This is the column of the inverse dynamics that is proportional to the mass, gravity included, of the estimated
+        motion.
         """
         model, data = self.model, self._data
-        self._set(block, k)
-        mujoco.mj_forward(model, data)
+        data.qpos[:], data.qvel[:] = block.qpos[k], block.motion.velocity[k]
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        data.qacc[:] = block.motion.acceleration[k]
         mujoco.mj_rnePostConstraint(model, data)
         out = np.zeros((model.nv, len(bodies)))
         _project_inertial(
@@ -89,10 +81,20 @@ class Lineariser:
         )  # fmt: skip
         return out
 
+    def _step_inertia(self) -> FloatArray:
+        """H + h D at the last forward state, which the step solves with: damping is implicit in it."""
+        model = self.model
+        inertia = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, self._data, inertia)
+        explicit = mujoco.mjtDisableBit.mjDSBL_EULERDAMP | mujoco.mjtDisableBit.mjDSBL_DAMPER
+        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 or model.opt.disableflags & explicit:
+            return inertia
+        return np.asarray(inertia + model.opt.timestep * np.diag(model.dof_damping))
+
     def _set(self, block: ReplayBlock, k: int) -> None:
         data = self._data
         data.qpos[:], data.qvel[:] = block.qpos[k], block.qvel[k]
-        data.qfrc_applied[:], data.ctrl[:] = block.effort[k], block.wrench[k]
+        data.qfrc_applied[:], data.ctrl[:] = block.generalised_force(k), block.wrench[k]
 
 
 @njit(cache=True)
@@ -128,35 +130,6 @@ def _project_inertial(
                     total += axes[dof, axis] * force[axis]
                 out[dof, column] = total
             ancestor = parent[ancestor]
-
-
-@njit(cache=True)
-def _body_mass_matrices(
-    inertia: FloatArray,
-    axes: FloatArray,
-    parent: IntArray,
-    first_dof: IntArray,
-    n_dofs: IntArray,
-    bodies: IntArray,
-    out: FloatArray,
-) -> None:
-    """Write axis^T I axis for all pairs of axes above each body."""
-    momentum = np.empty(6)
-    for index in range(bodies.shape[0]):
-        body = bodies[index]
-        one = body
-        while one > 0:
-            for a in range(first_dof[one], first_dof[one] + n_dofs[one]):
-                _times_inertia(inertia[body], axes[a], momentum)
-                two = body
-                while two > 0:
-                    for b in range(first_dof[two], first_dof[two] + n_dofs[two]):
-                        total = 0.0
-                        for axis in range(6):
-                            total += axes[b, axis] * momentum[axis]
-                        out[index, a, b] = total
-                    two = parent[two]
-            one = parent[one]
 
 
 @njit(cache=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,19 +21,32 @@ class ReplayBlock:
         qvel: measured velocities, shape (n + 1, nv).
         effort: measured joint torques as generalised forces, zero at the base, shape (n, nv) [N m or N].
         wrench: measured contact wrenches in the bodies' frames, six columns per contact body, shape (n, 6 n_c).
+        ahead: what was measured after the block, as far as it is known; nothing steps through it.
     """
 
     qpos: FloatArray
     qvel: FloatArray
     effort: FloatArray
     wrench: FloatArray
+    ahead: ReplayBlock | None = None
 
     def __len__(self) -> int:
         return len(self.effort)
 
+    def generalised_force(self, k: int) -> FloatArray:
+        """Everything but the wrenches that acts in step k, shape (nv,)."""
+        return np.asarray(self.effort[k])
 
-def replay_block(walk: Walk, layout: JointLayout, segment: Segment) -> ReplayBlock:
-    """Cut samples start .. stop - 1 of a walk, whose joints are in the model's order, into one block of steps."""
+
+def replay_block(walk: Walk, layout: JointLayout, segment: Segment, ahead: Segment | None = None) -> ReplayBlock:
+    """Cut samples start .. stop - 1 of a walk, whose joints are in the model's order, into one block of steps.
+
+    Args:
+        walk: the walk.
+        layout: addresses in the model.
+        segment: what to cut out.
+        ahead: what follows it, if it is to be known.
+    """
     states = slice(segment.start, segment.stop)
     inputs = slice(segment.start, segment.stop - 1)
     effort = np.zeros((len(segment) - 1, walk.qvel.shape[1]))
@@ -43,6 +56,7 @@ def replay_block(walk: Walk, layout: JointLayout, segment: Segment) -> ReplayBlo
         qvel=layout.to_qvel(walk.qvel[states]),
         effort=effort,
         wrench=walk.wrench[inputs].reshape(len(effort), -1),
+        ahead=None if ahead is None or len(ahead) < 2 else replay_block(walk, layout, ahead),
     )
 
 
@@ -78,16 +92,21 @@ class SampleBuffer:
         self._wrench[k] = sample.wrench.ravel()
         self._count += 1
 
-    def block(self) -> ReplayBlock:
-        """All samples held, as steps; valid until the next call of any method."""
-        n = self._count
-        return ReplayBlock(self._qpos[:n], self._qvel[:n], self._effort[: n - 1], self._wrench[: n - 1])
+    def block(self, n_steps: int) -> ReplayBlock:
+        """The first steps, with the rest of what is held ahead of them; valid until the next call of any method."""
+        rest = self._block(n_steps, self._count - 1) if self._count - 1 > n_steps else None
+        return replace(self._block(0, n_steps), ahead=rest)
 
-    def keep_last(self) -> None:
-        """Drop all samples but the last, with which the next block begins."""
+    def drop(self, n_steps: int) -> None:
+        """Drop the first steps; the next block begins with the sample in which they ended."""
+        kept = self._count - n_steps
         for rows in (self._qpos, self._qvel, self._effort, self._wrench):
-            rows[0] = rows[self._count - 1]
-        self._count = 1
+            rows[:kept] = rows[n_steps : self._count].copy()
+        self._count = kept
+
+    def _block(self, first: int, last: int) -> ReplayBlock:
+        states, inputs = slice(first, last + 1), slice(first, last)
+        return ReplayBlock(self._qpos[states], self._qvel[states], self._effort[inputs], self._wrench[inputs])
 
     def clear(self) -> None:
         """Drop all samples."""

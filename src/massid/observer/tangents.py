@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from massid.observer.inputs import BelievedBlock
 from massid.observer.linearisation import Lineariser, StepLinearisation
-from massid.observer.replay import ReplayBlock
 from massid.parameters import Kind, Parameter
 from massid.robot import Robot
 from massid.typing import FloatArray, IntArray
@@ -64,16 +64,16 @@ class TangentFilter:
         """The state is the measurement, whatever the parameters; only an encoder's offset is in it."""
         self._state = -self._measured
 
-    def step(self, block: ReplayBlock, k: int, gain: FloatArray, linear: StepLinearisation) -> FloatArray:
+    def step(self, block: BelievedBlock, k: int, gain: FloatArray, linear: StepLinearisation) -> FloatArray:
         """Advance by one step; returns the derivative of y^ - y after it, shape (2 nv, n_tangents)."""
         corrected = self._state - gain @ (self._state + self._measured)
         self._state = linear.transition @ corrected + self._direct(block, k, linear)
         return self._state + self._measured
 
-    def _direct(self, block: ReplayBlock, k: int, linear: StepLinearisation) -> FloatArray:
+    def _direct(self, block: BelievedBlock, k: int, linear: StepLinearisation) -> FloatArray:
         """Effect of each parameter on one step: a sensor that reads too much makes the input smaller."""
         out = np.zeros_like(self._state)
-        torque = block.effort[k, self._joint_dof]
+        torque = block.motion.effort[k, self._joint_dof]
         for kind, columns in self._columns.items():
             source = self._sources[kind]
             match kind:
@@ -82,9 +82,9 @@ class TangentFilter:
                 case Kind.EFFORT_GAIN:
                     out[:, columns] = -linear.from_effort[:, source] * torque[source]
                 case Kind.WRENCH_OFFSET:
-                    out[:, columns] = -linear.from_wrench[:, source]
+                    out[:, columns] = -linear.from_wrench[:, source] * block.loaded[k, source]
                 case Kind.WRENCH_GAIN:
-                    out[:, columns] = -linear.from_wrench[:, source] * block.wrench[k, source]
+                    out[:, columns] = -linear.from_wrench[:, source] * block.motion.wrench[k, source]
                 case Kind.MASS:
                     forces = self._lineariser.inertial_forces(block, k, source)
                     masses = self._lineariser.model.body_mass[source]

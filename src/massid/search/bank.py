@@ -21,16 +21,14 @@ class OutputErrors:
     Attributes:
         values: weighted y_hat - y at the end of each step, shape (n_models, n_steps, n_y).
         diverged: models that left the finite numbers, shape (n_models,); their values mean nothing.
-        tangents: derivatives of the centre's values by the parameters that no models are sampled in, shape
-            (n_tangents, n_steps, n_y); None for no such parameters.
-        noise_slope: slope of mu over the block that noise alone causes, to be taken off its gradient, shape (n_p,);
-            None for none.
+        tangents: derivatives of the centre's values by the last coordinates of the points, at least those that no
+            models are sampled in, shape (n, n_steps, n_y); None for no such coordinates. Where they are given they
+            stand for what the samples show.
     """
 
     values: FloatArray
     diverged: BoolArray
     tangents: FloatArray | None = None
-    noise_slope: FloatArray | None = None
 
 
 class Bank(Protocol[Block_contra]):

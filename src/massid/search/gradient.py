@@ -29,7 +29,7 @@ def estimate_gradient(monitoring: Monitoring, estimator: GradientEstimator, rng:
     monitoring.require_finite()
     proposal = monitoring.proposal
     samples = proposal.samples[~monitoring.diverged[proposal.samples]]
-    n_p = monitoring.n_sampled
+    n_p = monitoring.proposal.n_sampled
     offsets = proposal.points[samples, :n_p] - proposal.points[proposal.centre, :n_p]
     rise = monitoring.mu[samples] - monitoring.mu[proposal.centre]
     match estimator:

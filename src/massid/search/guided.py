@@ -134,7 +134,7 @@ class GuidedSearch:
         self._radius = self.options.radius
         self._windows = 0
         self._estimate = starts[0]
-        self._models = ModelSet(n_models)
+        self._models = ModelSet(n_models, len(space.tangents))
         self._direction = DIRECTIONS[self.options.direction](self.options.step_size)
         self._line_search = LineSearch(self.options.largest_step)
         self._reach = 0.0  # of the last step, as a multiple of the scales
@@ -165,6 +165,11 @@ class GuidedSearch:
     def ask(self) -> Proposal:
         """Points to simulate in the next window; the same until `tell` is called."""
         return self._models.proposal()
+
+    def restarted(self) -> GuidedSearch:
+        """A new search from the estimate, for other measurements: candidates and step caps of this one mean nothing."""
+        options = replace(self.options, radius=max(self._radius, self.options.smallest_radius), scan=())
+        return GuidedSearch(self.space, self._n_models, options, self._rng, [self._estimate])
 
     def tell(self, monitoring: Monitoring) -> Iteration:
         """Learn from one window: select the best model, step, fill the model set anew.

@@ -16,10 +16,15 @@ class ModelSet:
 
     Inferior models are discarded at every update (Algorithm 1, line 9): the set is cleared and keeps, of the window
     before, what the line search asks to see again as a candidate, and as many of the best models as it is told to.
+
+    Args:
+        capacity: size of the bank.
+        n_tangents: coordinates, the last ones, that samples do not spread in.
     """
 
-    def __init__(self, capacity: int) -> None:
+    def __init__(self, capacity: int, n_tangents: int = 0) -> None:
         self._capacity = capacity
+        self._n_tangents = n_tangents
         self._points: list[FloatArray] = []
         self._roles: list[Role] = []
 
@@ -45,7 +50,7 @@ class ModelSet:
 
     def proposal(self) -> Proposal:
         """All models as one array with their roles."""
-        return Proposal(points=np.array(self._points), roles=tuple(self._roles))
+        return Proposal(points=np.array(self._points), roles=tuple(self._roles), n_tangents=self._n_tangents)
 
     @staticmethod
     def select_best(monitoring: Monitoring) -> int:

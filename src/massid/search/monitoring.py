@@ -10,7 +10,7 @@ with no trajectory stored.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -38,7 +38,6 @@ class MonitoringFilter:
         self._gram: FloatArray = np.zeros((n_models, n_models))
         self._diverged: BoolArray = np.zeros(n_models, dtype=np.bool_)
         self._samples = 0
-        self._noise_slope: FloatArray = np.zeros(())
 
     def update(self, errors: OutputErrors) -> None:
         """Add a block of output errors, shape (n_models, n_steps, n_y)."""
@@ -55,8 +54,6 @@ class MonitoringFilter:
         self._gram *= np.exp(-self._rate * self._timestep_s * n_steps)
         self._gram += rows @ rows.T
         self._samples += errors.values[0].size
-        if errors.noise_slope is not None:
-            self._noise_slope = self._noise_slope + errors.noise_slope
 
     def result(self, proposal: Proposal, prior: LocalQuadratic | None = None) -> Monitoring:
         """Close the window: what the models of a proposal scored, on top of what was known before."""
@@ -66,7 +63,6 @@ class MonitoringFilter:
             diverged=self._diverged,
             samples=self._samples,
             prior=prior,
-            noise_slope=self._noise_slope,
         )
 
 
@@ -81,7 +77,6 @@ class Monitoring:
         diverged: models that left the finite numbers, shape (n_models,); never ranked.
         samples: number of scalar output errors behind each entry of G.
         prior: what is known besides, in units of mu: beliefs, or the windows before; None for nothing.
-        noise_slope: slope of mu that noise alone causes, shape (n_p,); zero for none.
     """
 
     proposal: Proposal
@@ -89,7 +84,6 @@ class Monitoring:
     diverged: BoolArray
     samples: int
     prior: LocalQuadratic | None = None
-    noise_slope: FloatArray = field(default_factory=lambda: np.zeros(()))
 
     def __add__(self, other: Monitoring) -> Monitoring:
         """Sum over windows: a model that diverged in one of them is out."""
@@ -99,7 +93,6 @@ class Monitoring:
             diverged=self.diverged | other.diverged,
             samples=self.samples + other.samples,
             prior=self.prior,
-            noise_slope=self.noise_slope + other.noise_slope,
         )
 
     def embedded(self, proposal: Proposal, columns: IntArray) -> Monitoring:
@@ -110,14 +103,11 @@ class Monitoring:
             columns: where the own coordinates are among them.
         """
         n_models, n_points = len(self.diverged), proposal.points.shape[1]
-        n_tangents = len(self.gram) - n_models
-        n_sampled = len(columns) - n_tangents
-        rows = np.concatenate([np.arange(n_models), n_models - n_sampled + columns[n_sampled:]])
-        gram = np.zeros((n_models + n_points - n_sampled,) * 2)
+        first = len(columns) - (len(self.gram) - n_models)
+        rows = np.concatenate([np.arange(n_models), n_models - first + columns[first:]])
+        gram = np.zeros((n_models + n_points - first,) * 2)
         gram[np.ix_(rows, rows)] = self.gram
-        slope = np.zeros(n_points)
-        slope[columns] = self.noise_slope
-        return replace(self, proposal=proposal, gram=gram, noise_slope=slope)
+        return replace(self, proposal=proposal, gram=gram)
 
     @cached_property
     def mu(self) -> FloatArray:
@@ -125,14 +115,7 @@ class Monitoring:
         mu = np.where(self.diverged, np.inf, np.diagonal(self.gram)[: len(self.diverged)])
         if self.prior is not None:
             mu = mu + np.array([self.prior.at(point) for point in self.proposal.points])
-        if self.noise_slope.any():
-            mu = mu - (self.proposal.points - self.proposal.points[self.proposal.centre]) @ self.noise_slope
         return mu
-
-    @property
-    def n_sampled(self) -> int:
-        """Coordinates that models are sampled in."""
-        return int(self.proposal.points.shape[1]) - (len(self.gram) - len(self.diverged))
 
     def require_finite(self) -> None:
         """Check that enough models are left to span every direction around the centre.
@@ -140,7 +123,7 @@ class Monitoring:
         Raises:
             DivergedBankError: the centre, or all but fewer than n_p samples, diverged.
         """
-        n_p = self.n_sampled
+        n_p = self.proposal.n_sampled
         finite_samples = int(np.sum(~self.diverged[self.proposal.samples]))
         if self.diverged[self.proposal.centre] or finite_samples < n_p:
             named = ", ".join(str(i) for i in np.flatnonzero(self.diverged))
@@ -155,7 +138,8 @@ class Monitoring:
 
         With D the samples' offsets from the centre and D+ its pseudo-inverse, the output error is taken as affine,
         y~(p_c + d) = y~_c + J d with J^T = D+ (Y~_samples - y~_c). Then mu = G_cc, its gradient 2 J^T y~_c and its
-        Hessian 2 J^T J are entries of T G T^T, with T built from D+.
+        Hessian 2 J^T J are entries of T G T^T, with T built from D+. Columns of J that the bank supplies are used as
+        they are.
 
         Raises:
             DivergedBankError: see `require_finite`.
@@ -172,7 +156,7 @@ class Monitoring:
         self.require_finite()
         centre = self.proposal.centre
         samples = self.proposal.samples[~self.diverged[self.proposal.samples]]
-        n_p, n_sampled, n_models = self.proposal.points.shape[1], self.n_sampled, len(self.diverged)
+        (n_points, n_p), n_sampled = self.proposal.points.shape, self.proposal.n_sampled
         offsets = self.proposal.points[samples, :n_sampled] - self.proposal.points[centre, :n_sampled]
         spread = np.sqrt(np.mean(offsets**2, axis=0))
         spread = np.where(spread > 0.0, spread, 1.0)
@@ -181,19 +165,23 @@ class Monitoring:
         transform[0, centre] = 1.0
         transform[1 : 1 + n_sampled, samples] = inverse
         transform[1 : 1 + n_sampled, centre] = -inverse.sum(axis=1)
-        transform[1 + n_sampled :, n_models:] = np.eye(n_p - n_sampled)
+        affine = np.hstack([np.ones((len(samples), 1)), offsets]) @ transform[: 1 + n_sampled]
+        change = affine.copy()
+        change[:, centre] -= 1.0
+        residual = -affine
+        residual[np.arange(len(samples)), samples] += 1.0
+        explained, unexplained = (np.einsum("ij,jk,ik->i", rows, self.gram, rows) for rows in (change, residual))
+        supplied = len(self.gram) - n_points
+        if supplied:
+            transform[-supplied:] = 0.0
+            transform[-supplied:, n_points:] = np.eye(supplied)
         moments = transform @ self.gram @ transform.T
-        information = moments[1 : 1 + n_sampled, 1 : 1 + n_sampled]
-        residual = np.zeros((len(samples), len(self.gram)))
-        residual[np.arange(len(samples)), samples] = 1.0
-        residual -= np.hstack([np.ones((len(samples), 1)), offsets]) @ transform[: 1 + n_sampled]
-        unexplained = np.einsum("ij,jk,ik->i", residual, self.gram, residual)
         return LocalQuadratic(
             centre=self.proposal.points[centre],
             value=float(moments[0, 0]),
-            gradient=2.0 * moments[1:, 0] - self.noise_slope,
+            gradient=2.0 * moments[1:, 0],
             curvature=2.0 * moments[1:, 1:],
-            explained=float(np.einsum("ij,jk,ik->i", offsets, information, offsets).mean()),
+            explained=float(explained.mean()),
             misfit=float(max(unexplained.mean(), 0.0)),
             samples=self.samples,
         )

@@ -37,10 +37,17 @@ class Proposal:
     Attributes:
         points: shape (n_models, n_p); row 0 is the centre.
         roles: one per row.
+        n_tangents: coordinates, the last ones, that the samples do not spread in.
     """
 
     points: FloatArray
     roles: tuple[Role, ...]
+    n_tangents: int = 0
+
+    @property
+    def n_sampled(self) -> int:
+        """Coordinates that the samples spread in, the first ones."""
+        return int(self.points.shape[1]) - self.n_tangents
 
     @property
     def centre(self) -> int:

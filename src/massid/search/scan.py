@@ -87,7 +87,7 @@ def choose_scanned(monitoring: Monitoring, columns: IntArray, space: ParameterSp
     monitoring.require_finite()
     proposal, gram = monitoring.proposal, monitoring.gram
     samples = proposal.samples[~monitoring.diverged[proposal.samples]]
-    sampled = slice(monitoring.n_sampled)
+    sampled = slice(monitoring.proposal.n_sampled)
     inverse = np.linalg.pinv(proposal.points[samples, sampled] - proposal.points[proposal.centre, sampled])
     jacobian = np.zeros((len(space), len(gram)))  # rows of J^T in terms of the models' errors
     jacobian[sampled, samples] = inverse

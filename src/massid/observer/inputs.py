@@ -1,0 +1,167 @@
+"""What noisy measurements are taken to mean: unloaded feet, sticking joints, and the motion around a sample.
+
+Columns of the Jacobian are made of the motion that is estimated here, not of what each sample says. Noise in a column
+that is also in the output error would look like information: a light foot that one sample of torque noise seems to
+accelerate by 30 rad/s^2 would be weighed by that noise. The motion at a sample is therefore taken from its neighbours
+on both sides, without the sample itself and those next to it, and accelerations from measured velocities instead of
+forces. Such a column has next to nothing in common with the error that it is multiplied by, and the estimate stays
+unbiased however well the noise levels are known (the method of instrumental variables).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from scipy.ndimage import correlate1d
+
+from massid.noise import SensorNoise
+from massid.observer import contact_gate, friction
+from massid.observer.contact_gate import is_unloaded
+from massid.observer.friction import StickSlip
+from massid.observer.replay import ReplayBlock
+from massid.robot import JointLayout, Realisation
+from massid.typing import FloatArray
+
+GAP, REACH = 5, 20
+"""The motion at a sample is estimated from those more than GAP and at most REACH before and after it."""
+LOOK_AHEAD = REACH + 1
+"""Samples after a block that bear upon it."""
+MEMORY = max(REACH, contact_gate.SETTLING + contact_gate.HALF_WIDTH) + 1
+"""Samples before a block that bear upon it."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Averages around the samples of a block.
+
+    Attributes:
+        velocity: shape (n, nv).
+        acceleration: shape (n, nv).
+        effort: joint torques as generalised forces, zero at the base, shape (n, nv).
+        wrench: zero where it is known to be, shape (n, 6 n_contacts).
+    """
+
+    velocity: FloatArray
+    acceleration: FloatArray
+    effort: FloatArray
+    wrench: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class BelievedBlock(ReplayBlock):
+    """A block with what is believed of its inputs.
+
+    Attributes:
+        loaded: 0 where a wrench is known to be zero, else 1, shape (n, 6 n_contacts).
+        friction: friction torques that act besides, zero at the base, shape (n, nv).
+        sticking: 1 where a joint may stick and its friction is not known, shape (n, n_joints).
+        motion: what the columns of the Jacobian are made of.
+    """
+
+    loaded: FloatArray
+    friction: FloatArray
+    sticking: FloatArray
+    motion: Motion
+
+    def generalised_force(self, k: int) -> FloatArray:
+        """Everything but the wrenches that acts in step k, shape (nv,)."""
+        return np.asarray(self.effort[k] + self.friction[k])
+
+
+class InputBelief:
+    """Judges blocks that follow one another.
+
+    Args:
+        model: identification model with its friction loss.
+        layout: addresses of the free joint and the one-axis joints.
+        noise: of the sensors.
+    """
+
+    def __init__(self, model: mujoco.MjModel, layout: JointLayout, noise: SensorNoise) -> None:
+        self._noise = noise
+        self._timestep_s = float(model.opt.timestep)
+        self._joint_dof = layout.joint_dof
+        self._stick_slip = StickSlip(model, layout, noise) if np.any(model.dof_frictionloss > 0.0) else None
+        self._before: tuple[FloatArray, ...] = ()
+
+    @property
+    def sticking_variance(self) -> FloatArray:
+        """Variance of the torque of sticking joints, shape (n_joints,), or a scalar zero [N^2 m^2]."""
+        return np.zeros(()) if self._stick_slip is None else self._stick_slip.sticking_variance
+
+    def place(self, realisation: Realisation) -> None:
+        """Take the parameters of the first of N models."""
+        if self._stick_slip is not None:
+            self._stick_slip.place(realisation)
+
+    def restart(self) -> None:
+        """Forget what came before: the next block does not follow the last one."""
+        self._before = ()
+
+    def believe(self, block: ReplayBlock) -> BelievedBlock:
+        """Judge the measurements of a block, in the light of those before and after."""
+        n = len(block)
+        parts: list[tuple[FloatArray, ...]] = [(block.qpos[:-1], block.qvel[:-1], block.effort, block.wrench)]
+        if self._before:
+            parts.insert(0, self._before)
+        first = sum(len(part[0]) for part in parts) - n
+        self._before = tuple(np.vstack([part[i] for part in parts])[-MEMORY:] for i in range(4))
+        if block.ahead is not None:
+            parts.append((block.ahead.qpos[:-1], block.ahead.qvel[:-1], block.ahead.effort, block.ahead.wrench))
+        qpos, qvel, effort, wrench = (np.vstack([part[i] for part in parts]) for i in range(4))
+        own = slice(first, first + n)
+        loaded = np.repeat(~is_unloaded(wrench, self._noise), 6, axis=1).astype(np.float64)
+        wrench = wrench * loaded
+        torque = np.zeros((n, len(self._joint_dof)))
+        sticking = np.zeros_like(torque)
+        if self._stick_slip is not None:
+            near = slice(max(0, first - friction.HALF_WIDTH), first + n + friction.HALF_WIDTH)
+            torque, sticking = self._stick_slip.torque(qpos[near], qvel[near], effort[near], wrench[near])
+            torque, sticking = (rows[first - near.start :][:n] for rows in (torque, sticking))
+        by_dof = np.zeros_like(block.effort)
+        by_dof[:, self._joint_dof] = torque
+        return BelievedBlock(
+            qpos=block.qpos,
+            qvel=block.qvel,
+            effort=block.effort,
+            wrench=wrench[own],
+            loaded=loaded[own],
+            friction=by_dof,
+            sticking=sticking,
+            motion=Motion(
+                velocity=_level(qvel, own),
+                acceleration=_slope(qvel, own) / self._timestep_s,
+                effort=_level(effort, own),
+                wrench=_level(wrench, own) * loaded[own],
+            ),
+        )
+
+
+def _level(rows: FloatArray, own: slice) -> FloatArray:
+    """Averages of both sides' neighbours, for some of the rows."""
+    return _from_sides(rows, own, np.full(REACH - GAP, 1.0 / (REACH - GAP)))
+
+
+def _slope(rows: FloatArray, own: slice) -> FloatArray:
+    """Slopes of straight lines through both sides' neighbours, for some of the rows, per row."""
+    offsets = np.arange(REACH - GAP) - 0.5 * (REACH - GAP - 1)
+    return _from_sides(rows, own, offsets / (offsets @ offsets))
+
+
+def _from_sides(rows: FloatArray, own: slice, weights: FloatArray) -> FloatArray:
+    """Mean of the weighted neighbours before and after; of one side alone where the other has not been measured."""
+    n, width = len(rows), len(weights)
+    if n < width:  # as for the last samples of a short log
+        whole = rows.mean(axis=0) * weights.sum()
+        return np.repeat(whole[None], own.stop - own.start, axis=0)
+    sums = correlate1d(rows, weights, axis=0, origin=-(width // 2))[: n - width + 1]  # of rows k .. k + width - 1
+    k = np.arange(own.start, own.stop)
+    before, after = k - REACH, k + GAP + 1
+    has_before, has_after = before >= 0, after <= n - width
+    neither = ~(has_before | has_after)
+    share = has_after / np.maximum(has_before.astype(int) + has_after, 1)
+    nearest = np.clip(k - width // 2, 0, n - width)
+    first = np.where(neither, nearest, np.clip(before, 0, n - width))
+    return np.asarray((1.0 - share)[:, None] * sums[first] + share[:, None] * sums[np.clip(after, 0, n - width)])
