@@ -17,6 +17,8 @@ from massid.typing import FloatArray
 
 LARGEST_REST = 1e-3
 """Share of the links' masses that may stay unexplained in a log without noise."""
+LARGEST_INFLATION = 2.0
+"""Scatter of the windows' scores, relative to what noise explains, from which on the model is called wrong."""
 MARGIN = 10.0
 """Factor on the part of mu that the curvature of the output error in the masses explains."""
 
@@ -32,6 +34,7 @@ class Findings:
         windows: each window's own part, if it was kept.
         noise: sensor noise; None for a log without noise.
         last: the last window's quadratic, or that of the last pass over all windows, without the prior.
+        inflation: how much more the scores of windows that were not kept scatter than noise explains.
     """
 
     space: ParameterSpace
@@ -40,6 +43,7 @@ class Findings:
     windows: tuple[LocalQuadratic, ...]
     noise: SensorNoise | None
     last: LocalQuadratic
+    inflation: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -89,9 +93,20 @@ def conclude(
         mode=log.mode,
         log_s=log.log_s,
         wall_s=wall_s,
-        warnings=log.warnings + _misfit(findings),
+        warnings=log.warnings + _misfit(findings) + _scatter(uncertainty),
         sources=log.sources,
         uncertainty=uncertainty,
+    )
+
+
+def _scatter(uncertainty: Uncertainty | None) -> tuple[str, ...]:
+    """Say so if a noisy log is explained no better than a wrong model would."""
+    if uncertainty is None or uncertainty.inflation < LARGEST_INFLATION:
+        return ()
+    return (
+        f"the log's windows contradict each other {uncertainty.inflation:.3g} times more than sensor noise explains: "
+        "the model is off (friction, centres of mass, inertias), or the noise is not what it is taken for. The "
+        "intervals were widened for it, but a bias that all windows share is not in them.",
     )
 
 
@@ -119,7 +134,7 @@ def _misfit(findings: Findings) -> tuple[str, ...]:
 
 def _uncertainty(findings: Findings, noise: SensorNoise) -> Uncertainty:
     asked = findings.space.n_sampled
-    found = posterior(findings.space, findings.information, findings.windows)
+    found = posterior(findings.space, findings.information, findings.windows, findings.inflation)
     masses = np.array([parameter.kind is Kind.MASS for parameter in findings.space.parameters], dtype=np.float64)
     return Uncertainty(
         noise=noise,

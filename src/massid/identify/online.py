@@ -13,7 +13,7 @@ from massid.identify.assembly import assemble
 from massid.identify.conclusion import Findings, LogFacts, conclude
 from massid.identify.logs import gather_logs, gather_warnings, hand_over, start_from
 from massid.identify.options import IdentifyOptions
-from massid.identify.posterior import posterior
+from massid.identify.posterior import ScoreScatter, posterior
 from massid.identify.progress import Progress, silent
 from massid.identify.result import Result, WindowResult
 from massid.log.walk import Sample, Walk
@@ -68,6 +68,7 @@ class OnlineIdentifier:
         self._windows: list[WindowResult] = []
         self._converged = False
         self._is_rough = True
+        self._scatter = ScoreScatter(space.n_sampled)
         self._pushed = 0
         self._log_s = self._earlier_s = 0.0
         self._started = time.perf_counter()
@@ -191,7 +192,9 @@ class OnlineIdentifier:
                 f"{self.options.dwell_s} s; record a longer walk or use a shorter --dwell-s."
             )
         return conclude(
-            Findings(self.space, self.estimate, self._information, (), self._noise, self._last),
+            Findings(
+                self.space, self.estimate, self._information, (), self._noise, self._last, self._scatter.inflation
+            ),
             self._windows,
             self._converged or not self._is_rough,
             LogFacts("online", self._log_s, self._timestep_s, tuple(sources), tuple(warnings)),
@@ -243,10 +246,13 @@ class OnlineIdentifier:
         else:
             found = posterior(self.space, self._belief + window_quadratic)
             bend = _bend(window_quadratic, iteration.estimate, found.covariance, self.space)
+            if not self._is_rough and bend <= LARGEST_BEND:
+                self._scatter.add(self._belief, window_quadratic)
             # Too far for the models to start the next window where they would stand there.
             self._is_first = self._is_rough = bend > LARGEST_BEND
             self._information = self._belief = self._belief + window_quadratic.scaled(1.0 / (1.0 + bend))
-            std = posterior(self.space, self._belief).std[: self.space.n_sampled]
+            found = posterior(self.space, self._belief, inflation=self._scatter.inflation)
+            std = found.std[: self.space.n_sampled]
         waiting_s = self._buffer.n_steps * self._timestep_s
         time_s = self._earlier_s + (self._last_stamp_ns - (self._first_stamp_ns or 0)) * 1e-9 - waiting_s
         window = replace(WindowResult.from_iteration(iteration, time_s, std), index=len(self._windows))
