@@ -16,6 +16,7 @@ from massid.audit.lag import estimate_lag
 from massid.audit.self_contact import without_samples
 from massid.log import Segment, Walk
 from massid.log.conventions import to_body
+from massid.noise import PRESETS, Sensors
 from massid.robot import Robot
 from tests.conftest import Pushed
 from tests.pushed_robot import XML, draw_truth, make_robot, push_about
@@ -40,6 +41,13 @@ def test_a_sound_log_gives_no_warning_whatever_the_masses(log: Pushed) -> None:
     assert audit.one_step.nominal > 1e-4  # the model's masses are 15 % off
     assert audit.one_step.fitted < 1e-9 * audit.one_step.nominal  # those that fit leave rounding
     assert audit.walk.segments == log.walk.segments
+
+
+def test_sensor_noise_alone_raises_no_suspicion(log: Pushed) -> None:
+    sensors = Sensors(PRESETS["white"], len(log.robot.joint_names), log.walk.contact_bodies, np.random.default_rng(3))
+    audit = audit_walk(log.robot, sensors.measure(log.walk))
+    assert audit.warnings == ()
+    assert not audit.clean
 
 
 def test_masses_that_fit_the_balance_are_the_true_ones(log: Pushed) -> None:

@@ -10,12 +10,14 @@ import numpy as np
 from massid.audit.balance import Balance
 from massid.kinematics import body_rotations
 from massid.log.walk import Walk
+from massid.log.white_noise import white_level
 from massid.robot import Robot
 from massid.typing import FloatArray
 
 WEIGHT_RANGE = (0.6, 1.6)
 """Measured over nominal weight: beyond this it is not a mass error but another fault."""
 TILT_RAD = 0.17
+_MARGIN = 1.3  # noise levels read off a log are this uncertain
 REST = 0.05
 """Share of the required force that inputs and any link masses may leave over before it is worth a warning."""
 _EXACT = 1e-6
@@ -129,7 +131,7 @@ def check_rest(robot: Robot, walk: Walk, balance: Balance) -> Rest:
     share = left(required - effort - wrench)
     rest = balance.unexplained(required - effort - wrench).reshape(-1, balance.required.shape[1])
     joints = _by_joint(robot, rest, required.reshape(rest.shape))
-    if share <= REST:
+    if share <= np.hypot(REST, _noise_of(robot, walk, balance, len(rest)) / size):
         return Rest(share, joints, _of_integrator(robot, share))
     trials = {
         "the forces look as if they were those on the ground (contacts: on: ground)": required - effort + wrench,
@@ -143,6 +145,27 @@ def check_rest(robot: Robot, walk: Walk, balance: Balance) -> Rest:
     worst = sorted(joints, key=lambda name: -joints[name])[:_SHOWN]
     listed = ", ".join(f"{name} {joints[name]:.0%}" for name in worst)
     return Rest(share, joints, (f"{said}, most of it at {listed}: {_reason(robot, worst)}.",))
+
+
+def _noise_of(robot: Robot, walk: Walk, balance: Balance, count: int) -> float:
+    """Norm of what white noise of the velocities adds to so many smoothed required forces, all dofs weighted."""
+    qvel = robot.layout.to_qvel(walk.qvel)
+    std = np.zeros(robot.model.nv)
+    root = robot.layout.root_dof
+    groups = (np.arange(root, root + 3), np.arange(root + 3, root + 6), robot.layout.joint_dof)
+    for dofs in groups:
+        std[dofs] = white_level(qvel[:, dofs])
+    if not std.any():
+        return 0.0
+    kernel = np.hanning(balance.smoothing + 2)[1:-1]
+    roughness = np.linalg.norm(np.diff(np.pad(kernel / kernel.sum(), 1)))
+    data = mujoco.MjData(robot.model)
+    data.qpos[:] = robot.layout.to_qpos(walk.qpos[balance.rows[len(balance.rows) // 2]])
+    mujoco.mj_fwdPosition(robot.model, data)
+    inertia = np.zeros((robot.model.nv, robot.model.nv))
+    mujoco.mj_fullM(robot.model, data, inertia)
+    force = np.linalg.norm(inertia * std, axis=1) * roughness / walk.timestep_s
+    return float(_MARGIN * np.sqrt(count) * np.linalg.norm(force * balance.weight))
 
 
 def wrench_shape(balance: Balance) -> tuple[int, int, int, int]:

@@ -10,12 +10,14 @@ import numpy as np
 from massid.log.conventions import to_body, to_world
 from massid.log.resampling import rotation_between
 from massid.log.walk import Walk
+from massid.log.white_noise import white_level
 from massid.typing import FloatArray
 
 SPAN_S = 0.05
 MISMATCH = 0.3
 """Share of the move that may stay unexplained; beyond it, something is wrong with a convention."""
 _BETTER = 0.3  # another convention is suspected if it leaves less than this share of the mismatch
+_MARGIN = 1.3  # noise levels read off a log are this uncertain
 _LEAST_MOVE = {"position": 1e-3, "attitude": 2e-3, "joint": 2e-3}  # m, rad, rad: root mean square over a span
 
 
@@ -69,22 +71,26 @@ def _integral(moved: FloatArray, velocity: FloatArray, starts: FloatArray, span:
     return np.asarray(expected + rule * to_end)
 
 
-def _share(moved: FloatArray, expected: FloatArray, least: float) -> float | None:
-    size = float(np.sqrt((moved**2).sum(axis=1).mean()))
+def _share(moved: FloatArray, expected: FloatArray, least: float, noise: float) -> float | None:
+    """Mismatch as a share of the move, both without what white noise of the position adds to the difference of two."""
+    added = 2.0 * noise**2 * moved.shape[1]
+    size = float(np.sqrt(max(0.0, float((moved**2).sum(axis=1).mean()) - added)))
     wanted = float(np.sqrt((expected**2).sum(axis=1).mean()))
     if max(size, wanted) < least:
         return None
-    return float(np.sqrt(((moved - expected) ** 2).sum(axis=1).mean())) / max(size, wanted)
+    rest = float(((moved - expected) ** 2).sum(axis=1).mean()) - _MARGIN * added
+    return float(np.sqrt(max(0.0, rest))) / max(size, wanted)
 
 
 def _base_mismatch(walk: Walk, starts: FloatArray, span: int) -> tuple[float | None, float | None]:
     p, q = walk.qpos[:, :3], walk.qpos[:, 3:7]
     moved = p[starts + span] - p[starts]
     expected = _integral(moved, walk.qvel[:, :3], starts, span, walk.timestep_s)
-    position = _share(moved, expected, _LEAST_MOVE["position"])
+    position = _share(moved, expected, _LEAST_MOVE["position"], white_level(p))
     turned = rotation_between(q[starts], q[starts + span])
     spun = _integral(turned, walk.qvel[:, 3:6], starts, span, walk.timestep_s)
-    return position, _share(turned, spun, _LEAST_MOVE["attitude"])
+    noise = white_level(rotation_between(q[:-1], q[1:]), already_differenced=1)
+    return position, _share(turned, spun, _LEAST_MOVE["attitude"], noise)
 
 
 def _base_suspicions(
@@ -163,9 +169,9 @@ def _joint_mismatch(walk: Walk, starts: FloatArray, span: int) -> tuple[dict[str
     positions = walk.qpos[:, 7:]
     moved = positions[starts + span] - positions[starts]
     expected = _integral(moved, walk.qvel[:, 6:], starts, span, walk.timestep_s)
-    joints, scales = {}, {}
+    joints, scales, noise = {}, {}, white_level(positions)
     for column, name in enumerate(walk.joint_names):
-        share = _share(moved[:, [column]], expected[:, [column]], _LEAST_MOVE["joint"])
+        share = _share(moved[:, [column]], expected[:, [column]], _LEAST_MOVE["joint"], noise)
         if share is not None:
             joints[name] = share
             power = float((expected[:, column] ** 2).sum())
