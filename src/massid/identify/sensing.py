@@ -21,7 +21,7 @@ from massid.typing import FloatArray
 CLEAN_VELOCITY = 1e-4
 """A log whose joint velocities have less white noise than this [rad/s] is taken for one without noise."""
 LEAST_SHARE = 0.01
-"""Least noise of a state in a log with noise, as a share of `white`."""
+"""Least noise of a state or a force in a log with noise, as a share of `white`."""
 
 
 def resolve_noise(walk: Walk, robot: Robot, options: IdentifyOptions) -> SensorNoise | None:
@@ -104,11 +104,12 @@ def nuisances(
 def _force_offsets(walk: Walk, noise: SensorNoise) -> list[Parameter]:
     """Offsets of the force sensors, with what their readings off the ground say about them."""
     unloaded = is_unloaded(walk.wrench.reshape(len(walk), -1), noise)
+    variance = max(noise.force, LEAST_SHARE * PRESETS["white"].force) ** 2  # a simulated sensor may read plain zero
     found = []
     for contact, body in enumerate(walk.contact_bodies):
         readings = walk.wrench[unloaded[:, contact], contact, :3]
-        precision = noise.force_offset**-2 + len(readings) / noise.force**2
-        means = readings.sum(axis=0) / noise.force**2 / precision
+        precision = noise.force_offset**-2 + len(readings) / variance
+        means = readings.sum(axis=0) / variance / precision
         for axis, mean in enumerate(means.tolist()):
             found.append(Parameter.nuisance(Kind.WRENCH_OFFSET, f"{body}/{axis}", precision**-0.5, mean))
     return found

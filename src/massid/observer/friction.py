@@ -21,6 +21,8 @@ from massid.typing import FloatArray
 
 HALF_WIDTH = 7
 """A measurement is averaged with so many before and after it."""
+REACH = 2 * HALF_WIDTH
+"""Samples before and after one that bear upon it: a joint is uncertain next to where an average says so."""
 STICKING_S = 0.2
 """How long a joint is taken to stick at a time [s]."""
 _SURE = 3.0

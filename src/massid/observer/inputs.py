@@ -26,10 +26,10 @@ from massid.typing import FloatArray
 
 GAP, REACH = 5, 20
 """The motion at a sample is estimated from those more than GAP and at most REACH before and after it."""
-LOOK_AHEAD = REACH + 1
-"""Samples after a block that bear upon it."""
-MEMORY = max(REACH, contact_gate.SETTLING + contact_gate.HALF_WIDTH) + 1
-"""Samples before a block that bear upon it."""
+LOOK_AHEAD = REACH + contact_gate.HALF_WIDTH
+"""Samples after a block that bear upon it: the furthest wrench in its motion, and what that one is judged by."""
+MEMORY = REACH + contact_gate.SETTLING + contact_gate.HALF_WIDTH
+"""Samples before a block that bear upon it, likewise."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class InputBelief:
         torque = np.zeros((n, len(self._joint_dof)))
         sticking = np.zeros_like(torque)
         if self._stick_slip is not None:
-            near = slice(max(0, first - friction.HALF_WIDTH), first + n + friction.HALF_WIDTH)
+            near = slice(max(0, first - friction.REACH), first + n + friction.REACH)
             torque, sticking = self._stick_slip.torque(qpos[near], qvel[near], effort[near], wrench[near])
             torque, sticking = (rows[first - near.start :][:n] for rows in (torque, sticking))
         by_dof = np.zeros_like(block.effort)
