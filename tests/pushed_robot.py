@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 
-from massid.log.walk import Walk
+from massid.log.walk import Segment, Walk
 from massid.parameters import ParameterSpace
 from massid.robot import Robot, write_fields
 from massid.typing import FloatArray
@@ -121,6 +124,15 @@ def push_about(
 def fly_about(robot: Robot, space: ParameterSpace, truth: FloatArray, seconds: float, amplitude: float = 0.08) -> Walk:
     """The same robot with its legs in motion, but without a floor: it falls."""
     return push_about(robot, space, truth, seconds, amplitude=amplitude, floor=False)
+
+
+def cut(walk: Walk, *rows: slice) -> Walk:
+    """Some stretches of a walk one after the other, with their stamps and the gaps between them."""
+    lengths = np.cumsum([0, *[stretch.stop - stretch.start for stretch in rows]])
+    segments = tuple(Segment(int(a), int(b)) for a, b in pairwise(lengths))
+    names = ("stamps_ns", "qpos", "qvel", "effort", "wrench")
+    kept = {name: np.concatenate([getattr(walk, name)[stretch] for stretch in rows]) for name in names}
+    return replace(walk, segments=segments, **kept)
 
 
 def _wrench(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> FloatArray:

@@ -7,12 +7,18 @@ import pytest
 
 from massid.errors import BadInputError
 from massid.identify import IdentifyOptions, Status, identify_offline, identify_online
+from massid.identify.assembly import assemble
 from massid.identify.sensing import estimate_white_noise, resolve_noise
-from massid.log.walk import Walk
+from massid.log.walk import Segment, Walk
 from massid.noise import PRESETS, SensorNoise, Sensors, rotate
+from massid.observer.replay import replay_block
+from massid.search.monitoring import MonitoringFilter
+from massid.search.proposal import Proposal, Role
+from massid.search.quadratic import LocalQuadratic
 from tests.conftest import Pushed
-from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about
+from tests.pushed_robot import FEET, LINKS, cut, draw_truth, make_robot, push_about
 
+TRUE = PRESETS["white"]
 WHITE = IdentifyOptions(dwell_s=0.25, noise="white", other_links=0.0)
 
 
@@ -134,3 +140,52 @@ def test_json_has_intervals(pushed: Pushed) -> None:
     low, high = torso["interval95_kg"]
     assert low < torso["estimate_kg"] < high
     assert high - low == pytest.approx(2 * 1.96 * torso["std_kg"], rel=1e-3)
+
+
+def _quadratic(walk: Walk, pushed: Pushed, told: SensorNoise) -> LocalQuadratic:
+    """Of a whole log, around the true masses, with the noise that the estimator is told."""
+    space, truth = pushed.space, pushed.truth
+    points = np.vstack([truth, truth + 1e-3 * np.diag(space.scale)])
+    proposal = Proposal(points, (Role.CENTRE, *[Role.SAMPLE] * len(space)))
+    bank = assemble(
+        pushed.robot, space, walk.contact_bodies, walk.timestep_s, told, replace(WHITE, bank_size=len(points))
+    ).bank
+    bank.place(points)
+    block = replay_block(walk, pushed.robot.layout, Segment(0, len(walk)))
+    bank.restart(block)
+    scores = MonitoringFilter(len(points), walk.timestep_s)
+    scores.update(bank.advance(block))
+    return scores.result(proposal).window_quadratic()
+
+
+@pytest.mark.parametrize("factor", [1.0 / 1.5, 1.5])
+def test_the_expected_score_of_the_true_masses_is_zero_at_wrong_noise_levels(factor: float, pushed: Pushed) -> None:
+    """Columns that share no noise with the output error leave the estimate unbiased, however large noise is said to be.
+
+    The score is the slope of minus half mu, in units of its own deviation over logs that differ in their noise alone.
+    """
+    told = replace(TRUE, effort=factor * TRUE.effort, force=factor * TRUE.force, moment=factor * TRUE.moment)
+    n_logs, clean = 24, cut(pushed.walk, slice(600, 1000))
+    scores = np.zeros((n_logs, len(pushed.space)))
+    for seed in range(n_logs):
+        measured = Sensors(TRUE, 8, FEET, np.random.default_rng(seed)).measure(clean)
+        scores[seed] = -0.5 * _quadratic(measured, pushed, told).gradient
+    bias = scores.mean(axis=0) / scores.std(axis=0, ddof=1)
+    assert np.abs(bias).max() < 3.0 / np.sqrt(n_logs)
+
+
+def test_friction_loss_under_noise_leaves_the_masses_within_their_deviations() -> None:
+    """Engines that are shaken by noise would lose friction and find masses that make up for it."""
+    robot = make_robot(friction_loss=0.3)
+    space = robot.mass_space(LINKS)
+    truth = draw_truth(space, seed=5, relative_error=0.05)
+    walk = push_about(robot, space, truth, seconds=1.0, seed=2, amplitude=0.12)
+    squares = []
+    for seed in range(3):
+        measured = Sensors(TRUE, 8, FEET, np.random.default_rng(seed)).measure(walk)
+        result = identify_offline(measured, robot, space, replace(WHITE, dwell_s=0.2, bank_size=12))
+        assert result.uncertainty is not None
+        assert np.all(result.uncertainty.std < 0.02 * space.nominal)
+        error = result.estimate - truth
+        squares.append(error @ np.linalg.solve(result.uncertainty.covariance, error) / len(space))
+    assert 0.4 < np.mean(squares) < 1.6  # 21 degrees of freedom: 1 +- 0.31

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -45,7 +46,7 @@ def _believe(walk: Walk, borders: Sequence[int], belief: InputBelief | None = No
                 walk, layout, Segment(first, last + 1), Segment(last, min(last + LOOK_AHEAD + 1, borders[-1] + 1))
             )
         )
-        for first, last in zip(borders[:-1], borders[1:], strict=True)
+        for first, last in pairwise(borders)
     ]
 
 
@@ -93,7 +94,7 @@ def test_the_motion_at_a_sample_is_that_of_its_neighbours_on_both_sides(walk: Wa
 
 
 def test_velocity_and_acceleration_of_a_smooth_motion_are_exact() -> None:
-    """A constant jerk cancels between the two sides; at the ends of a log one side alone sees a constant acceleration."""
+    """A constant jerk cancels between the two sides; one side alone is exact for a constant acceleration."""
     time_s = TIMESTEP_S * np.arange(201)[:, None]
     rate = np.linspace(-3.0, 3.0, 14)
     motion = _belief(friction=False).believe(_flat(rate * (1.0 + time_s + 10.0 * time_s**2))).motion
