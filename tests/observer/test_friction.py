@@ -84,12 +84,15 @@ def test_a_joint_that_sticks_for_as_long_as_an_average_is_never_certain(rubbing:
     assert uncertain[sticks].all()
 
 
-def test_a_robot_at_rest_may_stick_in_every_joint(rubbing: Rubbing) -> None:
+@pytest.mark.parametrize("effort_nm", [0.0, 20.0])
+def test_a_robot_at_rest_may_stick_in_every_joint(effort_nm: float, rubbing: Rubbing) -> None:
+    """Whatever the measured forces would make its joints do next."""
     rng = np.random.default_rng(1)
     n = 100
     qpos = np.repeat(rubbing.block.qpos[:1], n, axis=0)
     qvel = np.concatenate([np.zeros((n, 6)), WHITE.joint_velocity * rng.normal(size=(n, 8))], axis=1)
-    torque, uncertain = rubbing.stick_slip.torque(qpos, qvel, np.zeros((n, 14)), np.zeros((n, 12)))
+    force = np.concatenate([np.zeros((n, 6)), np.full((n, 8), effort_nm)], axis=1)
+    torque, uncertain = rubbing.stick_slip.torque(qpos, qvel, force, np.zeros((n, 12)))
     assert uncertain.all()
     assert np.all(np.abs(torque) <= LOSS_NM * (1.0 + 1e-9))
 

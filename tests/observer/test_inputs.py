@@ -93,6 +93,19 @@ def test_the_motion_at_a_sample_is_that_of_its_neighbours_on_both_sides(walk: Wa
         np.testing.assert_array_equal(np.flatnonzero(change > 1e-9), tilts, err_msg=name)
 
 
+@pytest.mark.parametrize("k", [0, 10, 788, 798])
+def test_a_sample_has_no_part_in_its_own_motion_at_the_ends_of_a_log_either(k: int, walk: Walk) -> None:
+    rows = {name: getattr(walk, name).copy() for name in ("qvel", "effort")}
+    for values in rows.values():
+        values[k] *= 1.5
+    before, after = (_columns(_believe(one, [0, 799])[0]) for one in (walk, replace(walk, **rows)))
+    distance = np.abs(np.arange(799) - k)
+    for name in ("velocity", "acceleration", "effort"):
+        changed = np.abs(after[f"motion.{name}"] - before[f"motion.{name}"]).max(axis=1) > 1e-9
+        assert changed.any(), name
+        assert set(distance[changed]) <= set(range(GAP + 1, REACH + 1)), name
+
+
 def test_velocity_and_acceleration_of_a_smooth_motion_are_exact() -> None:
     """A constant jerk cancels between the two sides; one side alone is exact for a constant acceleration."""
     time_s = TIMESTEP_S * np.arange(201)[:, None]

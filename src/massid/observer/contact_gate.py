@@ -13,7 +13,8 @@ HALF_WIDTH = 7
 SETTLING = 20
 """Samples after the last load before a foot counts as unloaded: it may be rolling off the ground, hardly loaded."""
 _OF_NOISE, _OF_OFFSET = 4.5, 3.0
-"""Deviations that are allowed: the noise is new in every sample and has many chances to stand out."""
+"""Deviations that are allowed, of averaged noise and of the offset: noise is new in every sample and has many chances
+to stand out."""
 
 
 def is_unloaded(wrench: FloatArray, noise: SensorNoise) -> BoolArray:

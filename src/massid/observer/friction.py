@@ -26,7 +26,9 @@ REACH = 2 * HALF_WIDTH
 STICKING_S = 0.2
 """How long a joint is taken to stick at a time [s]."""
 _SURE = 3.0
+"""Deviations of an averaged velocity beyond which a joint surely moves."""
 _SATURATED = 0.999
+"""Share of the friction loss at which friction has no reserve left; the engine's constraint is soft."""
 
 
 class StickSlip:
@@ -64,10 +66,10 @@ class StickSlip:
         """Friction of every joint, and where it is not certain.
 
         Args:
-            qpos: measured positions, shape (n, nq).
-            qvel: measured velocities, shape (n, nv).
-            force: measured torques as generalised forces, shape (n, nv).
-            wrench: measured wrenches, shape (n, nu).
+            qpos: measured positions, shape (n, nq) [rad or m].
+            qvel: measured velocities, shape (n, nv) [rad/s or m/s].
+            force: measured torques as generalised forces, shape (n, nv) [N m or N].
+            wrench: measured wrenches, shape (n, 6 n_contacts) [N, N m].
 
         Returns:
             torques, shape (n, n_joints) [N m], and 1 where the joint may stick or else 0, same shape.

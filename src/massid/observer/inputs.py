@@ -37,10 +37,10 @@ class Motion:
     """Averages around the samples of a block.
 
     Attributes:
-        velocity: shape (n, nv).
-        acceleration: shape (n, nv).
-        effort: joint torques as generalised forces, zero at the base, shape (n, nv).
-        wrench: zero where it is known to be, shape (n, 6 n_contacts).
+        velocity: shape (n, nv) [rad/s or m/s].
+        acceleration: slope of the measured velocities, shape (n, nv) [rad/s^2 or m/s^2].
+        effort: joint torques as generalised forces, zero at the base, shape (n, nv) [N m or N].
+        wrench: zero where it is known to be, shape (n, 6 n_contacts) [N, N m].
     """
 
     velocity: FloatArray
@@ -55,7 +55,7 @@ class BelievedBlock(ReplayBlock):
 
     Attributes:
         loaded: 0 where a wrench is known to be zero, else 1, shape (n, 6 n_contacts).
-        friction: friction torques that act besides, zero at the base, shape (n, nv).
+        friction: friction torques that act besides, zero at the base, shape (n, nv) [N m or N].
         sticking: 1 where a joint may stick and its friction is not known, shape (n, n_joints).
         motion: what the columns of the Jacobian are made of.
     """
@@ -66,7 +66,7 @@ class BelievedBlock(ReplayBlock):
     motion: Motion
 
     def generalised_force(self, k: int) -> FloatArray:
-        """Everything but the wrenches that acts in step k, shape (nv,)."""
+        """Everything but the wrenches that acts in step k, shape (nv,) [N m or N]."""
         return np.asarray(self.effort[k] + self.friction[k])
 
 
