@@ -11,6 +11,7 @@ from massid.identify.options import IdentifyOptions
 from massid.identify.result import Result
 from massid.log.walk import Segment, Walk
 from massid.observer.blas import single_threaded
+from massid.observer.inputs import LOOK_AHEAD
 from massid.observer.replay import replay_block, split
 from massid.robot import Robot
 from massid.typing import FloatArray
@@ -66,7 +67,8 @@ def channel_residuals(result: Result, walk: Walk, robot: Robot, options: Identif
         bank.place(np.vstack([point, space.nominal]))
         total, counted = np.zeros((2, 2 * robot.model.nv)), 0
         for part in split(segment, _BLOCK_STEPS):
-            block = replay_block(walk, robot.layout, part)
+            ahead = Segment(part.stop - 1, min(part.stop + LOOK_AHEAD, longest.stop))
+            block = replay_block(walk, robot.layout, part, ahead)
             if part.start == segment.start:
                 bank.restart(block)
             errors = bank.advance(block).values
