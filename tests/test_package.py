@@ -33,10 +33,12 @@ SEES = {
     "systems": {"search", "parameters", "errors", "typing"},
     "log": {"errors", "typing"},
     "noise": {"log", "errors", "typing"},
-    "observer": {"noise", "robot", "log", "search", "parameters", "errors", "typing"},
+    "observer": {"inertia", "noise", "robot", "log", "search", "parameters", "errors", "typing"},
     "identify": {
         "audit",
         "baseline",
+        "bodies",
+        "inertia",
         "kinematics",
         "noise",
         "observer",

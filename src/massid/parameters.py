@@ -21,6 +21,13 @@ class Kind(enum.StrEnum):
 
     MASS = "mass"
     """Mass of a link; its rotational inertia scales with it, its centre of mass stays."""
+    COM = "com"
+    """Centre of mass of a link in the frame of its body; target BODY/AXIS with axes x, y, z."""
+    INERTIA = "inertia"
+    """Rotational inertia of a link about its centre of mass, in log-Cholesky numbers of its pseudo-inertia, zero for
+    the model file's; target BODY/ENTRY. Any value belongs to a body that can exist."""
+    PAYLOAD = "payload"
+    """A point mass carried by a body; target BODY@X,Y,Z, a point in the frame of the body."""
     EFFORT_OFFSET = "effort_offset"
     """What a joint's torque sensor reads too much."""
     EFFORT_GAIN = "effort_gain"
@@ -37,6 +44,9 @@ class Kind(enum.StrEnum):
 
 UNITS = {
     Kind.MASS: "kg",
+    Kind.COM: "m",
+    Kind.INERTIA: "1",
+    Kind.PAYLOAD: "kg",
     Kind.EFFORT_OFFSET: "N m",
     Kind.EFFORT_GAIN: "1",
     Kind.WRENCH_OFFSET: "N, N m",
@@ -44,6 +54,7 @@ UNITS = {
     Kind.ENCODER_OFFSET: "rad",
     Kind.COEFFICIENT: "1",
 }
+_INERTIAL = (Kind.MASS, Kind.COM, Kind.INERTIA, Kind.PAYLOAD)
 _SENSOR_ERRORS = (
     Kind.EFFORT_OFFSET,
     Kind.EFFORT_GAIN,
@@ -97,6 +108,32 @@ class Parameter:
     def per_walk(self) -> bool:
         """Whether it is an error of a sensor, constant within a walk and another one in the next."""
         return self.kind in _SENSOR_ERRORS
+
+    @property
+    def is_inertial(self) -> bool:
+        """Whether it changes how a body's mass lies."""
+        return self.kind in _INERTIAL
+
+    @property
+    def adds_mass(self) -> bool:
+        """Whether it is a part of the whole robot's mass."""
+        return self.kind in (Kind.MASS, Kind.PAYLOAD)
+
+    @property
+    def body(self) -> str:
+        """Name of the body that an inertial parameter belongs to."""
+        match self.kind:
+            case Kind.COM | Kind.INERTIA:
+                return self.target.rpartition("/")[0]
+            case Kind.PAYLOAD:
+                return self.target.rpartition("@")[0]
+            case _:
+                return self.target
+
+    @property
+    def entry(self) -> str:
+        """Axis or number among those of one body or sensor, after the last slash of the target."""
+        return self.target.rpartition("/")[2]
 
     @property
     def unit(self) -> str:
@@ -165,6 +202,11 @@ class ParameterSpace:
     def names(self) -> tuple[str, ...]:
         """Unique name of each coordinate."""
         return tuple(parameter.name for parameter in self.parameters)
+
+    @cached_property
+    def adds_mass(self) -> FloatArray:
+        """1 for the coordinates that are a part of the whole robot's mass, else 0, shape (n_p,)."""
+        return np.array([float(parameter.adds_mass) for parameter in self.parameters])
 
     @cached_property
     def nominal(self) -> FloatArray:

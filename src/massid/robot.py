@@ -12,6 +12,15 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from massid.bodies import (
+    body_fields,
+    centre_parameters,
+    inertia_parameters,
+    inertia_slopes,
+    parse_payload,
+    payload_parameter,
+    unknown_bodies,
+)
 from massid.errors import LogError, ModelError, unknown_name
 from massid.kinematics import wrenches_in_bodies
 from massid.log.walk import Walk
@@ -59,10 +68,13 @@ class Realisation:
     Attributes:
         model_fields: MjModel field name -> values, shape (N, *field shape).
         sensors: what the sensors do wrong; None for nothing.
+        inertia_slopes: derivative of its body's pseudo-inertia by each parameter, at the first of the models and in the
+            frame of the body, shape (n_p, 4, 4).
     """
 
     model_fields: Mapping[str, FloatArray]
-    sensors: SensorErrors | None = None
+    sensors: SensorErrors | None
+    inertia_slopes: FloatArray
 
 
 @dataclass(frozen=True)
@@ -218,20 +230,62 @@ class Robot:
         """
         links = tuple(links)
         for link in links:
-            nominal_kg = self.nominal_mass_kg(link)
-            other = self.welded_to(link)
-            if other is not None and not welded_too:
-                raise ModelError(
-                    f"Body '{link}' of {self.source} ({nominal_kg:.3g} kg) moves with '{other}': there is no joint "
-                    f"between them, so weigh '{other}'.{self._nearest(link)}"
-                )
+            self._check_link(link, welded_too)
         return ParameterSpace(tuple(Parameter.mass(link, self.nominal_mass_kg(link)) for link in links))
+
+    def parameter_space(
+        self,
+        links: Iterable[str],
+        *,
+        com: Iterable[str] = (),
+        inertia: Iterable[str] = (),
+        payload: Iterable[str] = (),
+    ) -> ParameterSpace:
+        """Span masses, and what else is unknown of the robot's bodies.
+
+        Args:
+            links: whose mass is unknown.
+            com: links whose centre of mass is unknown.
+            inertia: links whose rotational inertia is unknown beyond its scaling with the mass.
+            payload: point masses of unknown size, BODY or BODY@X,Y,Z in the frame of the body [m].
+
+        Raises:
+            ModelError: a name is not a link with a mass, or moves with another body; a payload on what does not move;
+                an inertia without thickness.
+            BadInputError: no links, something named twice, or a point that is not three numbers.
+        """
+        parameters = list(self.mass_space(links).parameters)
+        for group, make in ((com, centre_parameters), (inertia, inertia_parameters)):
+            for link in group:
+                self._check_link(link)
+                parameters += make(self.model, link)
+        for text in payload:
+            self._check_carrier(parse_payload(text)[0])
+            parameters.append(payload_parameter(self.model, text, self.total_mass_kg))
+        return ParameterSpace(tuple(parameters))
+
+    def _check_link(self, link: str, welded_too: bool = False) -> None:
+        """Refuse what has no mass of its own or moves with another body."""
+        nominal_kg = self.nominal_mass_kg(link)
+        other = self.welded_to(link)
+        if other is not None and not welded_too:
+            raise ModelError(
+                f"Body '{link}' of {self.source} ({nominal_kg:.3g} kg) moves with '{other}': there is no joint "
+                f"between them, so weigh '{other}'.{self._nearest(link)}"
+            )
+
+    def _check_carrier(self, name: str) -> None:
+        """Refuse bodies that carry nothing through a walk."""
+        model = self.model
+        moving = [model.body(b).name for b in range(1, model.nbody) if model.body_dofnum[model.body_weldid[b]] > 0]
+        if name not in moving:
+            raise ModelError(unknown_name("moving body", name, moving, self.source))
 
     def realise(self, space: ParameterSpace, points: FloatArray, contact_bodies: Sequence[str] = ()) -> Realisation:
         """Translate parameter vectors into model fields and sensor errors.
 
         A mass scales the rotational inertia of its link with it and leaves the centre of mass, as for a link whose
-        density is uncertain.
+        density is uncertain. Inertia is that about the centre of mass, wherever it is; payloads come on top.
 
         Args:
             space: what each coordinate means.
@@ -239,20 +293,15 @@ class Robot:
             contact_bodies: bodies whose wrench is measured, in the order of the identification model's controls.
         """
         points = np.atleast_2d(points)
-        n = len(points)
-        mass = np.repeat(self.model.body_mass[None], n, axis=0)
-        inertia = np.repeat(self.model.body_inertia[None], n, axis=0)
+        bodies = unknown_bodies(self.model, space)
         sensors: SensorErrors | None = None
         for parameter, values in zip(space.parameters, points.T, strict=True):
-            if parameter.kind is Kind.MASS:
-                body = self.model.body(parameter.target).id
-                inertia[:, body] *= (values / mass[:, body])[:, None]
-                mass[:, body] = values
+            if parameter.is_inertial:
                 continue
-            sensors = sensors or SensorErrors.none(n, len(self.joint_names), len(contact_bodies))
+            sensors = sensors or SensorErrors.none(len(points), len(self.joint_names), len(contact_bodies))
             errors: FloatArray = getattr(sensors, parameter.kind.value)
             errors[:, self.sensor_column(parameter, contact_bodies)] = values
-        return Realisation({"body_mass": mass, "body_inertia": inertia}, sensors)
+        return Realisation(body_fields(self.model, bodies, points), sensors, inertia_slopes(bodies, space, points[0]))
 
     def sensor_column(self, parameter: Parameter, contact_bodies: Sequence[str]) -> int:
         """Column of a sensor error: the joint's number, or six times the contact body's number plus the axis."""
@@ -377,14 +426,16 @@ class Robot:
             compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
             compiler.settotalmass, compiler.boundmass, compiler.boundinertia = -1.0, 0.0, 0.0
         else:
-            targets = [self.model.body(p.target).id for p in space.parameters if p.kind is Kind.MASS]
+            targets = [self.model.body(p.body).id for p in space.parameters if p.is_inertial]
+        ipos = fields.get("body_ipos", self.model.body_ipos[None])
+        iquat = fields.get("body_iquat", self.model.body_iquat[None])
         for body_id in targets:
             name = self.model.body(body_id).name
             body = spec.body(name) if name else spec.bodies[body_id]
             body.explicitinertial = True
             body.mass = float(fields["body_mass"][0, body_id])
-            body.ipos = self.model.body_ipos[body_id]
-            body.iquat = self.model.body_iquat[body_id]
+            body.ipos = ipos[0, body_id]
+            body.iquat = iquat[0, body_id]
             body.inertia = fields["body_inertia"][0, body_id]
             body.fullinertia = np.full(6, np.nan)
         save_model(spec, path, fields["body_mass"][0], remark)

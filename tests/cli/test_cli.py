@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -64,6 +65,23 @@ def test_identify_prints_the_table_and_writes_everything(
     truth = Truth.load(folder / "walk.truth.json").mass_kg
     saved = Robot.load(tmp_path / "m.xml")
     np.testing.assert_allclose([saved.nominal_mass_kg(link) for link in LINKS], [truth[link] for link in LINKS])
+
+
+def test_centre_of_mass_and_payload_have_rows_with_units(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked = ("--com", "torso", "--payload", "torso@0.1,0.25,0.3", "r_foot")
+    options = ("--links", ROBOT_LINKS, "--dwell-s", "0.25", "--json", str(tmp_path / "r.json"))
+    assert identify(folder, *options, *asked) == 0
+    assert re.search(r"com/torso/z +0\.1000 +0\.10000 +m\b", capsys.readouterr().out)
+    quantities = json.loads((tmp_path / "r.json").read_text())["quantities"]
+    assert list(quantities) == [
+        *(f"com/torso/{axis}" for axis in "xyz"),
+        "payload/torso@0.1,0.25,0.3",
+        "payload/r_foot@0,0,0",
+    ]
+    for entry in quantities.values():  # this robot is as the model file says, and carries nothing
+        assert entry["estimate"] == pytest.approx(entry["nominal"], abs=1e-6)
 
 
 def test_without_truth_nothing_true_is_printed(
@@ -167,6 +185,9 @@ def test_a_bad_log_is_one_line_and_code_2(
         (("--links", "torso,l_tigh"), "Did you mean l_thigh"),
         (("--links", "world"), "The world has no mass"),
         (("--links", "torso,torso"), "more than once"),
+        (("--com", "l_tigh"), "Did you mean l_thigh"),
+        (("--inertia", "hand"), "no link named 'hand'"),
+        (("--payload", "torso@0,0"), "expected BODY or BODY@X,Y,Z"),
         (("--bank-size", "7"), "serves at most 6 unknowns"),
         (("--dwell-s", "-1"), "dwell_s is -1.0; it must be positive"),
         (("--dwell-s", "nan"), "dwell_s is nan; it must be positive"),

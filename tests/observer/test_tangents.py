@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
 from massid.log.walk import Segment
 from massid.noise import PRESETS
 from massid.observer.bank import RobotBank
-from massid.observer.inputs import InputBelief
+from massid.observer.inputs import BelievedBlock, InputBelief
 from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
 from massid.observer.replay import replay_block
 from massid.observer.tangents import TangentFilter
 from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.robot import Robot, write_fields
 from massid.typing import FloatArray
 from tests.conftest import Pushed
 
 CASES = [
     (Kind.MASS, "l_calf", 1e-3),
     (Kind.MASS, "torso", 1e-3),
+    (Kind.COM, "torso/x", 1e-5),
+    (Kind.PAYLOAD, "l_calf@0.1,0,-0.2", 1e-3),
     (Kind.EFFORT_OFFSET, "r_knee", 1e-3),
     (Kind.EFFORT_GAIN, "l_hip_pitch", 1e-4),
     (Kind.WRENCH_OFFSET, "l_foot/2", 1e-2),
@@ -33,7 +37,11 @@ CASES = [
 def test_a_tangent_is_the_derivative_that_a_pair_of_models_shows(
     kind: Kind, target: str, step: float, pushed: Pushed
 ) -> None:
-    nominal = pushed.robot.nominal_mass_kg(target) if kind is Kind.MASS else 0.0
+    nominal = 0.0
+    if kind is Kind.MASS:
+        nominal = pushed.robot.nominal_mass_kg(target)
+    elif kind is Kind.COM:
+        nominal = float(pushed.robot.model.body("torso").ipos[0])
     sampled = Parameter(kind, target, nominal, nominal - 1.0, nominal + 1.0, scale=1.0)
     pair = np.array([[nominal], [nominal - step], [nominal + step]])
     errors = _errors(pushed, ParameterSpace((sampled,)), pair)
@@ -45,7 +53,7 @@ def test_a_tangent_is_the_derivative_that_a_pair_of_models_shows(
     column = _errors(pushed, space, np.array([[4.0, nominal]])).tangents[1]
     scale = np.abs(expected).max()
     assert scale > 0.0
-    if kind in (Kind.MASS, Kind.EFFORT_GAIN, Kind.WRENCH_GAIN):
+    if sampled.is_inertial or kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN):
         # Made of the motion around a sample, so as to share no noise with it: an instrument, not the derivative itself.
         assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.1)
     else:
@@ -70,6 +78,37 @@ def test_sampled_and_tangent_parameters_meet_in_one_quadratic(pushed: Pushed) ->
     one = quadratic(ParameterSpace((torso, Parameter.nuisance(Kind.MASS, "l_calf", 1.0, 2.5))), centre + offsets[:3])
     np.testing.assert_allclose(one.curvature, both.curvature, rtol=0.02)
     np.testing.assert_allclose(one.gradient, both.gradient, rtol=0.02, atol=0.02 * np.abs(both.gradient).max())
+
+
+@pytest.mark.parametrize("column", range(11))
+def test_inertial_forces_are_derivatives_of_the_inverse_dynamics(column: int, pushed: Pushed) -> None:
+    robot, contacts = pushed.robot, pushed.walk.contact_bodies
+    space = robot.parameter_space(["torso"], com=["l_thigh"], inertia=["torso"], payload=["torso@0.1,0.2,0.3"])
+    point = space.nominal + 0.1 * space.scale
+    lineariser = Lineariser(robot.identification_model(contacts), robot.layout)
+    lineariser.place(robot.realise(space, point[None]))
+    belief = InputBelief(lineariser.model, robot.layout, PRESETS["white"])
+    block = belief.believe(replay_block(pushed.walk, robot.layout, Segment(500, 551)))
+    body = np.array([robot.model.body(space.parameters[column].body).id])
+    found = lineariser.inertial_forces(block, 25, body, np.array([column]))[:, 0]
+
+    step = 1e-4 * space.scale[column] * np.eye(len(space))[column]
+    before, after = (_inverse(robot, space, point + sign * step, block) for sign in (-1, 1))
+    np.testing.assert_allclose(
+        found, (after - before) / (2.0 * step[column]), rtol=1e-6, atol=1e-6 * np.abs(found).max()
+    )
+
+
+def _inverse(robot: Robot, space: ParameterSpace, point: FloatArray, block: BelievedBlock) -> FloatArray:
+    """Generalised forces that the estimated motion takes at sample 25, without constraints."""
+    model = robot.identification_model(())
+    write_fields(model, robot.realise(space, point[None]))
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = block.qpos[25], block.motion.velocity[25]
+    data.qacc[:] = block.motion.acceleration[25]
+    mujoco.mj_inverse(model, data)
+    return data.qfrc_inverse.copy()
 
 
 def _errors(pushed: Pushed, space: ParameterSpace, points: FloatArray):  # type: ignore[no-untyped-def]

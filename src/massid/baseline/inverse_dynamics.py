@@ -20,6 +20,8 @@ from massid.typing import FloatArray
 
 MASS_STEP = 0.1
 """Difference of masses, relative; the forces are linear in them but for the softness of friction."""
+SHAPE_STEP = 1e-5
+"""Difference of other numbers that change bodies, relative to their scales; the forces bend in most of them."""
 ANGLE_STEP = 1e-4
 """Difference of joint positions [rad]."""
 
@@ -54,14 +56,22 @@ class InverseDynamics:
         unexplained[:, self._robot.layout.joint_dof] -= motion.effort
         return np.asarray(unexplained)
 
+    def residual_at(self, motion: Motion, point: FloatArray) -> FloatArray:
+        """The same at other values: exactly for what changes bodies, to first order for sensors, shape (n, nv)."""
+        inertial = np.array([parameter.is_inertial for parameter in self._space.parameters])
+        change = np.where(inertial, 0.0, point - self._space.nominal)
+        model = self._model_at(np.where(inertial, point, self._space.nominal))
+        bodies = self._forces(model, motion) - self._forces(self._model, motion)
+        return np.asarray(self.residual(motion) + bodies + self.regressor(motion) @ change)
+
     def regressor(self, motion: Motion) -> FloatArray:
         """Derivatives of the residual by the parameters, shape (n, nv, n_p)."""
         nominal = self._forces(self._model, motion)
         applied = self._jacobians(motion)
         out = np.empty((*nominal.shape, len(self._space)))
         for column, parameter in enumerate(self._space.parameters):
-            if parameter.kind is Kind.MASS:
-                step = MASS_STEP * parameter.nominal
+            if parameter.is_inertial:
+                step = MASS_STEP * parameter.nominal if parameter.kind is Kind.MASS else SHAPE_STEP * parameter.scale
                 point = self._space.nominal.copy()
                 point[column] += step
                 out[:, :, column] = (self._forces(self._model_at(point), motion) - nominal) / step

@@ -13,3 +13,4 @@ OptionalTopics: TypeAlias = Annotated[str | None, tyro.conf.arg(metavar="FILE|PR
 OptionalLinks: TypeAlias = Annotated[str | None, tyro.conf.arg(metavar="A,B,C", help_behavior_hint="")]
 OptionalKg: TypeAlias = Annotated[float | None, tyro.conf.arg(metavar="KG", help_behavior_hint="")]
 MassErrorList: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="[LINK=+KG ...]", help_behavior_hint="")]
+PayloadList: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="[BODY@X,Y,Z ...]", help_behavior_hint="")]

@@ -53,8 +53,9 @@ def result_table(result: Result, scored: Score | None) -> Table:
     if scored:
         table.add_column(r"true \[kg]", justify="right")
         table.add_column(r"error \[kg]", justify="right")
-    nominal = result.nominal_kg
-    for (link, estimate), identifiable in zip(result.estimate_kg.items(), result.excitation.identifiable, strict=True):
+    nominal, hidden = result.nominal_kg, result.hidden_links
+    for link, estimate in result.estimate_kg.items():
+        identifiable = link not in hidden
         row = [link, f"{nominal[link]:.3f}", f"{estimate:.4f}" if identifiable else "not identifiable"]
         if std:
             row.append(f"+-{INTERVAL_95 * std[link]:.3f}" if identifiable else "-")
@@ -70,9 +71,27 @@ def result_table(result: Result, scored: Score | None) -> Table:
     return table
 
 
+def quantity_table(result: Result) -> Table:
+    """What was asked for besides masses of links, each with its unit."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("also asked for")
+    for title in ("model file", "estimate", "95 %") if result.uncertainty else ("model file", "estimate"):
+        table.add_column(title, justify="right")
+    table.add_column("unit")
+    for one in result.quantities:
+        row = [one.name, f"{one.nominal:.4f}", f"{one.estimate:.5f}" if one.identifiable else "not identifiable"]
+        if one.std is not None:
+            row.append(f"+-{INTERVAL_95 * one.std:.4f}" if one.identifiable else "-")
+        table.add_row(*row, one.unit)
+    return table
+
+
 def print_result(result: Result, scored: Score | None) -> None:
     """Print the table and one line on how the identification went."""
     OUT.print(result_table(result, scored))
+    if result.quantities:
+        say("")
+        OUT.print(quantity_table(result))
     unit = "dwell windows" if result.mode == "online" else "passes over the log"
     speed = f"{result.log_s:.1f} s of walking in {result.wall_s:.1f} s"
     say(f"\n{result.status} after {len(result.windows)} {unit} ({speed})")

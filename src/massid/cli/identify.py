@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from massid.assets import find_model_by_hash, resolve_model
-from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics
+from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics, PayloadList
 from massid.errors import BadInputError, LogError
 from massid.identify.options import IdentifyOptions
 from massid.identify.result import Status
 from massid.log.walk import Walk
 from massid.robot import Robot
+from massid.search.guided import enough_models
 
 if TYPE_CHECKING:
     from massid.audit import Audit
@@ -43,6 +44,12 @@ class Identify:
     """MJCF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
     links: OptionalLinks = None
     """Links to weigh, separated by commas; default torso, thighs, calves and feet."""
+    com: OptionalLinks = None
+    """Links whose centre of mass is unknown, too."""
+    inertia: OptionalLinks = None
+    """Links whose rotational inertia is unknown, too: any that a body can have."""
+    payload: PayloadList = ()
+    """Point masses that bodies may carry; the point is in the frame of the body [m], default its origin."""
     topics: OptionalTopics = None
     """Topic map: a YAML file, or a preset such as ros2 or unitree_g1; default what massid records."""
     mode: Literal["auto", "online", "offline"] = "auto"
@@ -84,11 +91,13 @@ class Identify:
         complete = Robot.load(self._model_path(read))
         prepared = prepare_walks(self.logs, complete, topics, read)
         walks, robot = [one.walk for one in prepared], prepared[0].robot
-        options = options_for(self.options, [one.audit for one in prepared])
         known = [warning for walk in walks for warning in walk.warnings]
         for warning in known:
             warn(warning)
-        space = robot.mass_space(self._links(robot))
+        space = robot.parameter_space(
+            self._links(robot), com=_names(self.com), inertia=_names(self.inertia), payload=self.payload
+        )
+        options = options_for(self.options, [one.audit for one in prepared], len(space))
         if not 0.0 <= self.held_out < 1.0:
             raise BadInputError(f"--held-out is {self.held_out}; it must be at least 0 and less than 1.")
         parts = [hold_out(walk, self.held_out) for walk in walks]
@@ -106,9 +115,9 @@ class Identify:
         print_result(result, scored)
         for warning in result.warnings[len(known) :]:
             warn(warning)
-        if result.hidden_links:
+        if result.hidden:
             what = "this log does" if len(walks) == 1 else "these logs do"
-            warn(f"{what} not reveal {', '.join(result.hidden_links)}")
+            warn(f"{what} not reveal {', '.join(result.hidden)}")
             for line in verdict.lines():
                 warn(line)
         if self.json:
@@ -124,9 +133,7 @@ class Identify:
 
         shows = f", the motion is that of {walks[0].source}" if len(walks) > 1 else ""
         if self.save_model:
-            kept = (
-                f"{', '.join(result.hidden_links)}: not identifiable, nominal mass kept" if result.hidden_links else ""
-            )
+            kept = f"{', '.join(result.hidden)}: not identifiable, the model file's value kept" if result.hidden else ""
             complete.write_mjcf(result.space, result.reported, self.save_model, remark=kept)
             say(f"model: {self.save_model}" + (f" ({kept})" if kept else ""))
         if self.rerun:
@@ -178,7 +185,7 @@ class Identify:
 
     def _links(self, robot: Robot) -> list[str]:
         if self.links is not None:
-            return [link.strip() for link in self.links.split(",") if link.strip()]
+            return _names(self.links)
         links = robot.walking_links()
         if not links:
             raise BadInputError(
@@ -207,7 +214,14 @@ def reference_fit(result: Result, walk: Walk, robot: Robot) -> dict[str, Any] | 
     }
 
 
-def options_for(options: IdentifyOptions, audits: Sequence[Audit]) -> IdentifyOptions:
-    """With `--noise auto`, logs that the physics explains to rounding have no noise."""
+def options_for(options: IdentifyOptions, audits: Sequence[Audit], n_unknowns: int = 0) -> IdentifyOptions:
+    """With `--noise auto`, logs that the physics explains to rounding have no noise; more unknowns get more models."""
+    if options.bank_size == IdentifyOptions.bank_size:
+        options = replace(options, bank_size=max(options.bank_size, enough_models(n_unknowns)))
     is_clean = options.noise == "auto" and all(audit.clean for audit in audits)
     return replace(options, noise="clean") if is_clean else options
+
+
+def _names(text: str | None) -> list[str]:
+    """Names separated by commas."""
+    return [name.strip() for name in (text or "").split(",") if name.strip()]

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from massid.identify.excitation import assess_excitation, from_deviations
 from massid.identify.posterior import posterior
+from massid.identify.quantities import describe, whole_shapes
 from massid.identify.result import Result, Status, Uncertainty, WindowResult
 from massid.noise import SensorNoise
-from massid.parameters import Kind, ParameterSpace
+from massid.parameters import ParameterSpace
+from massid.robot import Robot
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 
@@ -66,7 +68,7 @@ class LogFacts:
 
 
 def conclude(
-    findings: Findings, trace: Sequence[WindowResult], converged: bool, log: LogFacts, wall_s: float
+    robot: Robot, findings: Findings, trace: Sequence[WindowResult], converged: bool, log: LogFacts, wall_s: float
 ) -> Result:
     """Judge a search and put everything together."""
     asked = findings.space.n_sampled
@@ -81,6 +83,7 @@ def conclude(
         # A noisy log has also settled when the estimate moves within its own uncertainty.
         step = trace[-1].newton_step
         converged = converged or float(step @ np.linalg.solve(uncertainty.covariance, step)) <= len(space)
+    excitation = replace(excitation, identifiable=whole_shapes(space, excitation.identifiable))
     status = Status.CONVERGED if converged else Status.NOT_CONVERGED
     if not excitation.identifiable.all():
         status = Status.NOT_IDENTIFIABLE
@@ -96,6 +99,13 @@ def conclude(
         warnings=log.warnings + _misfit(findings) + _scatter(uncertainty),
         sources=log.sources,
         uncertainty=uncertainty,
+        quantities=describe(
+            robot,
+            space,
+            findings.estimate[:asked],
+            None if uncertainty is None else uncertainty.covariance,
+            excitation.identifiable,
+        ),
     )
 
 
@@ -135,7 +145,7 @@ def _misfit(findings: Findings) -> tuple[str, ...]:
 def _uncertainty(findings: Findings, noise: SensorNoise) -> Uncertainty:
     asked = findings.space.n_sampled
     found = posterior(findings.space, findings.information, findings.windows, findings.inflation)
-    masses = np.array([parameter.kind is Kind.MASS for parameter in findings.space.parameters], dtype=np.float64)
+    masses = findings.space.adds_mass
     return Uncertainty(
         noise=noise,
         covariance=found.covariance[:asked, :asked],

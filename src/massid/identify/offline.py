@@ -90,6 +90,7 @@ def _identify(logs: Sequence[Log], robot: Robot, options: IdentifyOptions, progr
     total = _total(scores).window_quadratic()
     parts = () if noise is None else tuple(score.window_quadratic() for score in scores)
     return conclude(
+        robot,
         Findings(space, search.estimate, iteration.quadratic.shifted(search.estimate), parts, noise, total),
         trace,
         converged,

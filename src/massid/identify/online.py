@@ -192,6 +192,7 @@ class OnlineIdentifier:
                 f"{self.options.dwell_s} s; record a longer walk or use a shorter --dwell-s."
             )
         return conclude(
+            self._robot,
             Findings(
                 self.space, self.estimate, self._information, (), self._noise, self._last, self._scatter.inflation
             ),

@@ -14,6 +14,7 @@ from massid.errors import BadInputError
 from massid.identify.checks import Validation
 from massid.identify.excitation import Excitation
 from massid.identify.posterior import INTERVAL_95
+from massid.identify.quantities import Quantity
 from massid.identify.verdict import Verdict
 from massid.noise import SensorNoise
 from massid.parameters import Kind, Parameter, ParameterSpace
@@ -126,6 +127,7 @@ class Result:
         uncertainty: covariance and nuisances; None for a log without noise.
         verdict: what was said before the fit; None if nobody asked.
         validation: checks against the log itself; None if nobody asked.
+        quantities: what was asked for besides masses of links, in units of its own.
         mode: "online" or "offline".
         log_s: time covered by the logs [s].
         wall_s: time it took [s].
@@ -146,6 +148,7 @@ class Result:
     uncertainty: Uncertainty | None = None
     verdict: Verdict | None = None
     validation: Validation | None = None
+    quantities: tuple[Quantity, ...] = ()
 
     def checked(self, validation: Validation) -> Result:
         """The result with the checks against its log, and their warnings."""
@@ -168,17 +171,23 @@ class Result:
 
     def judged(self, verdict: Verdict) -> Result:
         """The result under a verdict made before the fit: what it calls hidden is not identified, whatever came out."""
-        hidden = set(verdict.hidden)
-        seen = [p.kind is not Kind.MASS or p.target not in hidden for p in self.space.parameters]
+        hidden = {f"{Kind.MASS}/{link}" for link in verdict.hidden} | set(verdict.hidden_others)
+        seen = [name not in hidden for name in self.space.names]
         excitation = replace(self.excitation, identifiable=self.excitation.identifiable & np.array(seen))
         status = self.status if excitation.identifiable.all() else Status.NOT_IDENTIFIABLE
-        return replace(self, verdict=verdict, excitation=excitation, status=status)
+        quantities = tuple(quantity.without(hidden) for quantity in self.quantities)
+        return replace(self, verdict=verdict, excitation=excitation, status=status, quantities=quantities)
 
     @property
     def hidden_links(self) -> tuple[str, ...]:
         """The links whose mass the log does not reveal."""
         rows = zip(self.space.parameters, self.excitation.identifiable, strict=True)
         return tuple(parameter.target for parameter, seen in rows if not seen and parameter.kind is Kind.MASS)
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """The links whose mass the log does not reveal, and the names of the other quantities that it does not."""
+        return self.hidden_links + tuple(quantity.name for quantity in self.quantities if not quantity.identifiable)
 
     @property
     def reported(self) -> FloatArray:
@@ -266,6 +275,7 @@ class Result:
         return {
             "schema": SCHEMA,
             "links": {link: self._link(link, value) for link, value in self.estimate_kg.items()},
+            "quantities": {quantity.name: quantity.to_json() for quantity in self.quantities},
             "together": {"estimate_kg": together_kg} | self._interval(together_kg, self.together_std_kg),
             "verdict": None if self.verdict is None else self.verdict.to_json(),
             "validation": None if self.validation is None else self.validation.to_json(),

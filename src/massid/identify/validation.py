@@ -21,7 +21,6 @@ from massid.identify.result import Result
 from massid.kinematics import body_rotations
 from massid.log.walk import Segment, Walk
 from massid.noise import SensorNoise
-from massid.parameters import Kind
 from massid.robot import Robot
 from massid.typing import FloatArray, IntArray
 
@@ -87,8 +86,7 @@ def predict_torques(result: Result, walk: Walk, robot: Robot) -> TorquePredictio
     dynamics = InverseDynamics(robot, space, walk.contact_bodies, walk.timestep_s)
     motion = smooth_motion(walk, robot.layout, CUTOFF_HZ)
     dof = robot.layout.joint_dof
-    before = dynamics.residual(motion)
-    after = before + dynamics.regressor(motion) @ (point - space.nominal)
+    before, after = dynamics.residual(motion), dynamics.residual_at(motion, point)
     # The instants that the low-pass keeps, found by passing the clock through it.
     clock = replace(walk, effort=np.repeat(walk.time_s[:, None], walk.effort.shape[1], axis=1))
     return TorquePrediction(
@@ -105,8 +103,7 @@ def check_total(result: Result, walk: Walk, robot: Robot) -> WeightCheck | None:
     if not is_carried(robot, walk):
         return None
     space, point = result.unknowns()
-    masses = [k for k, parameter in enumerate(space.parameters) if parameter.kind is Kind.MASS]
-    found_kg = robot.total_mass_kg + float(np.sum((point - space.nominal)[masses]))
+    found_kg = robot.total_mass_kg + float(space.adds_mass @ (point - space.nominal))
     noise = SensorNoise() if result.uncertainty is None else result.uncertainty.noise
     found_std_kg = 0.0 if result.uncertainty is None else result.uncertainty.total_std_kg
     carried_kg, carried_std_kg = _carried(robot, walk, noise)

@@ -28,6 +28,7 @@ from massid.identify.logs import Log, gather_logs, join_spaces
 from massid.identify.motion import Motion, MotionFacts, observe_motion
 from massid.identify.options import IdentifyOptions
 from massid.identify.progress import Progress, silent
+from massid.identify.quantities import whole_shapes
 from massid.identify.smoothing import balanced, smoothed
 from massid.log.walk import Segment, Walk
 from massid.noise import NoisePreset
@@ -35,7 +36,7 @@ from massid.observer.blas import single_threaded
 from massid.observer.replay import replay_block, split
 from massid.parameters import Kind, ParameterSpace
 from massid.robot import Robot
-from massid.typing import BoolArray, FloatArray
+from massid.typing import BoolArray, FloatArray, IntArray
 
 REFERENCE: NoisePreset = "realistic"
 """Sensors with which a log without noise is judged."""
@@ -64,6 +65,7 @@ class Verdict:
         total_known: whether that is worth telling.
         is_reference: the log has no noise, and real sensors were supposed.
         facts: what the robot does.
+        hidden_others: names of the parameters asked for, other than masses, that the log does not reveal.
         combinations: what cannot be told apart, worst first.
         sums: masses of several links together that are known although not every one of theirs is.
         advice: which motion would help, one line each; empty if nothing is needed.
@@ -76,6 +78,7 @@ class Verdict:
     total_known: bool
     is_reference: bool
     facts: MotionFacts
+    hidden_others: tuple[str, ...]
     combinations: tuple[Combination, ...]
     sums: tuple[Sum, ...]
     advice: tuple[str, ...]
@@ -142,7 +145,7 @@ class Verdict:
             "sensors": self.sensors,
             "predicted_std_kg": dict(zip(self.links, self.std.tolist(), strict=True)),
             "total_std_kg": self.total_std_kg,
-            "not_identifiable": list(self.hidden),
+            "not_identifiable": list(self.hidden + self.hidden_others),
             "combinations": [
                 {
                     "text": one.text,
@@ -170,7 +173,7 @@ def foresee(
     Args:
         walks: the log or logs.
         robot: the robot with nominal masses.
-        space: the masses asked for.
+        space: the masses asked for, and what else is.
         options: how the log would be identified; noise and nuisances matter here.
         progress: told the fraction done.
 
@@ -197,9 +200,11 @@ def foresee(
             information[np.ix_(columns, columns)] += _information(log, robot, options, width_s, part)
     progress(1.0, "done")
     posterior = _Posterior(joint.space, information)
-    asked = len(space)
     everything = posterior.covariance()
-    covariance = everything[:asked, :asked]
+    others = _hidden_others(space, everything)
+    asked = np.array([k for k, parameter in enumerate(space.parameters) if parameter.kind is Kind.MASS], dtype=np.int64)
+    space = ParameterSpace(tuple(space.parameters[k] for k in asked))
+    covariance = everything[np.ix_(asked, asked)]
     links = [parameter.target for parameter in space.parameters]
     relative = covariance / np.outer(space.scale, space.scale)
     std = np.sqrt(np.diagonal(relative))
@@ -216,11 +221,21 @@ def foresee(
         total_known=not held and posterior.total_std_kg(everything) < LARGEST_DEVIATION * robot.total_mass_kg,
         is_reference=is_reference,
         facts=facts,
+        hidden_others=others,
         combinations=combinations,
         sums=() if held else known_sums(links, space.nominal, covariance, groups, KNOWN_SUM),
         advice=advise(robot, facts, links, hidden, posterior.longer(asked, sum(log.walk.duration_s for log in logs))),
         wall_s=time.perf_counter() - started,
     )
+
+
+def _hidden_others(space: ParameterSpace, covariance: FloatArray) -> tuple[str, ...]:
+    """Names of what cannot be known besides masses; a rotational inertia is known as a whole or not at all."""
+    std = np.sqrt(np.diagonal(covariance))[: len(space)]
+    hidden = std >= LARGEST_DEVIATION * space.scale
+    seen = whole_shapes(space, ~hidden)
+    rows = zip(space.parameters, seen, strict=True)
+    return tuple(parameter.name for parameter, known in rows if not known and parameter.kind is not Kind.MASS)
 
 
 def _all_tangent(space: ParameterSpace) -> ParameterSpace:
@@ -293,14 +308,14 @@ class _Posterior:
 
     def total_std_kg(self, covariance: FloatArray) -> float:
         """Standard deviation of the sum of all masses [kg]."""
-        masses = np.array([parameter.kind is Kind.MASS for parameter in self.space.parameters], dtype=np.float64)
+        masses = self.space.adds_mass
         return float(np.sqrt(masses @ covariance @ masses))
 
-    def longer(self, asked: int, log_s: float) -> float | None:
+    def longer(self, asked: IntArray, log_s: float) -> float | None:
         """Length of a log with the same motion that would reveal everything asked for [s]; None if none would."""
-        scale = self.space.scale[:asked]
+        scale = self.space.scale[asked]
         for factor in _LONGER:
-            std = np.sqrt(np.diagonal(self.covariance(factor))[:asked])
+            std = np.sqrt(np.diagonal(self.covariance(factor))[asked])
             if np.all(std < LARGEST_DEVIATION * scale):
                 return factor * log_s
         return None

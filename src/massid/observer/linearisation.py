@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 from numba import njit
 
+from massid.inertia import spatial_inertia
 from massid.observer.inputs import BelievedBlock
 from massid.observer.replay import ReplayBlock
 from massid.robot import JointLayout, Realisation, write_fields
@@ -45,10 +46,12 @@ class Lineariser:
         self.model = model
         self._layout = layout
         self._data = mujoco.MjData(model)
+        self._inertia_slopes: FloatArray = np.zeros((0, 4, 4))
 
     def place(self, realisation: Realisation) -> None:
         """Take the parameters of the first of N models."""
         write_fields(self.model, realisation)
+        self._inertia_slopes = realisation.inertia_slopes
 
     def step(self, block: ReplayBlock, k: int) -> StepLinearisation:
         """Linearise the step from sample k of a block, at the measured state and inputs."""
@@ -62,11 +65,20 @@ class Lineariser:
         from_force = np.vstack([model.opt.timestep * velocity, velocity])
         return StepLinearisation(transition, from_force[:, self._layout.joint_dof], from_wrench, from_force)
 
-    def inertial_forces(self, block: BelievedBlock, k: int, bodies: IntArray) -> FloatArray:
-        """Generalised force that each body's own mass and inertia ask for at sample k, shape (nv, n_bodies).
+    def inertial_forces(self, block: BelievedBlock, k: int, bodies: IntArray, parameters: IntArray) -> FloatArray:
+        """Generalised force that a change of bodies asks for at sample k, per unit of the parameter.
 
-        This is the column of the inverse dynamics that is proportional to the mass, gravity included, of the estimated
-        motion.
+        These are the derivatives of the inverse dynamics, gravity included, of the estimated motion. Forces are linear
+        in the inertia of a body, so its derivative takes the place of the inertia itself.
+
+        Args:
+            block: with the estimated motion.
+            k: sample.
+            bodies: that change, shape (n,).
+            parameters: rows of the placed realisation's `inertia_slopes`, shape (n,).
+
+        Returns:
+            Shape (nv, n).
         """
         model, data = self.model, self._data
         data.qpos[:], data.qvel[:] = block.qpos[k], block.motion.velocity[k]
@@ -74,9 +86,11 @@ class Lineariser:
         mujoco.mj_fwdVelocity(model, data)
         data.qacc[:] = block.motion.acceleration[k]
         mujoco.mj_rnePostConstraint(model, data)
+        origin = data.xpos[bodies] - data.subtree_com[model.body_rootid[bodies]]
+        inertia = spatial_inertia(self._inertia_slopes[parameters], data.xmat[bodies].reshape(-1, 3, 3), origin)
         out = np.zeros((model.nv, len(bodies)))
         _project_inertial(
-            data.cinert, data.cvel, data.cacc, data.cdof, model.body_parentid, model.body_dofadr, model.body_dofnum,
+            inertia, data.cvel, data.cacc, data.cdof, model.body_parentid, model.body_dofadr, model.body_dofnum,
             bodies, out,
         )  # fmt: skip
         return out
@@ -114,8 +128,8 @@ def _project_inertial(
     for column in range(bodies.shape[0]):
         body = bodies[column]
         v = velocity[body]
-        _times_inertia(inertia[body], v, momentum)
-        _times_inertia(inertia[body], acceleration[body], force)
+        _times_inertia(inertia[column], v, momentum)
+        _times_inertia(inertia[column], acceleration[body], force)
         force[0] += -v[2] * momentum[1] + v[1] * momentum[2] - v[5] * momentum[4] + v[4] * momentum[5]
         force[1] += v[2] * momentum[0] - v[0] * momentum[2] + v[5] * momentum[3] - v[3] * momentum[5]
         force[2] += -v[1] * momentum[0] + v[0] * momentum[1] - v[4] * momentum[3] + v[3] * momentum[4]

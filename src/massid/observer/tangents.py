@@ -23,7 +23,7 @@ class TangentFilter:
 
     Args:
         robot: the robot.
-        tangents: parameters that enter by their derivative.
+        tangents: all parameters that the lineariser is placed with, in their order.
         contact_bodies: bodies whose wrench is measured, in the order of the blocks' columns.
         lineariser: the model at the current estimate.
     """
@@ -33,14 +33,18 @@ class TangentFilter:
     ) -> None:
         self._lineariser = lineariser
         n_v, layout = robot.model.nv, robot.layout
+        inertial: list[int] = []
+        bodies: list[int] = []
         columns: dict[Kind, list[int]] = {kind: [] for kind in Kind}
         sources: dict[Kind, list[int]] = {kind: [] for kind in Kind}
         for column, parameter in enumerate(tangents):
+            if parameter.is_inertial:
+                inertial.append(column)
+                bodies.append(robot.model.body(parameter.body).id)
+                continue
             columns[parameter.kind].append(column)
-            if parameter.kind is Kind.MASS:
-                sources[Kind.MASS].append(robot.model.body(parameter.target).id)
-            else:
-                sources[parameter.kind].append(robot.sensor_column(parameter, contact_bodies))
+            sources[parameter.kind].append(robot.sensor_column(parameter, contact_bodies))
+        self._inertial, self._bodies = _ids(inertial), _ids(bodies)
         self._columns = {kind: _ids(found) for kind, found in columns.items() if found}
         self._sources = {kind: _ids(found) for kind, found in sources.items() if found}
         self._joint_dof = layout.joint_dof
@@ -73,6 +77,9 @@ class TangentFilter:
     def _direct(self, block: BelievedBlock, k: int, linear: StepLinearisation) -> FloatArray:
         """Effect of each parameter on one step: a sensor that reads too much makes the input smaller."""
         out = np.zeros_like(self._state)
+        if len(self._inertial):
+            forces = self._lineariser.inertial_forces(block, k, self._bodies, self._inertial)
+            out[:, self._inertial] = -linear.from_force @ forces
         torque = block.motion.effort[k, self._joint_dof]
         for kind, columns in self._columns.items():
             source = self._sources[kind]
@@ -85,11 +92,7 @@ class TangentFilter:
                     out[:, columns] = -linear.from_wrench[:, source] * block.loaded[k, source]
                 case Kind.WRENCH_GAIN:
                     out[:, columns] = -linear.from_wrench[:, source] * block.motion.wrench[k, source]
-                case Kind.MASS:
-                    forces = self._lineariser.inertial_forces(block, k, source)
-                    masses = self._lineariser.model.body_mass[source]
-                    out[:, columns] = -linear.from_force @ (forces / masses)
-                case Kind.ENCODER_OFFSET | Kind.COEFFICIENT:
+                case _:  # an encoder's offset acts on the measurement alone
                     pass
         return out
 

@@ -123,7 +123,7 @@ class GuidedSearch:
         if n_models < n_p + 1:
             raise BadInputError(
                 f"A bank of {n_models} models serves at most {n_models - 1} unknowns, but {n_p} are asked for: "
-                f"use at least {n_p + 1} models, better {3 * n_p + 3}."
+                f"use at least {n_p + 1} models, better {enough_models(n_p)}."
             )
         self._rng = rng or np.random.default_rng(0)
         self._n_models = n_models
@@ -280,6 +280,11 @@ class GuidedSearch:
                 f"least {n_p + 1 + len(starts)} models."
             )
         self._models.insert_candidates(list(scan_points(self.space, starts[0], self._scanned, rest)))
+
+
+def enough_models(n_unknowns: int) -> int:
+    """Models with which a search goes well: centre, candidates, and three samples for each unknown."""
+    return 3 * n_unknowns + 3
 
 
 def _is_trusted(quadratic: LocalQuadratic, monitoring: Monitoring, best: int) -> bool:

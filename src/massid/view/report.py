@@ -44,6 +44,7 @@ def write_report(result_path: Path, page_path: Path) -> None:
     page = HtmlPage(f"massid: {', '.join(document['logs'])}")
     _head(page, document)
     _masses(page, document)
+    _quantities(page, document)
     _verdict(page, document)
     _convergence(page, document)
     _information(page, document, arrays)
@@ -110,6 +111,21 @@ def _masses(page: HtmlPage, document: Mapping[str, Any]) -> None:
         rows.append(row)
     page.table(head, rows)
     _mass_chart(page, links, reference)
+
+
+def _quantities(page: HtmlPage, document: Mapping[str, Any]) -> None:
+    """What was asked for besides masses of links."""
+    quantities = document.get("quantities") or {}
+    if not quantities:
+        return
+    page.heading("Centres of mass, inertias, payloads")
+    rows = []
+    for name, entry in quantities.items():
+        found = entry["estimate"]
+        row = [name, f"{entry['nominal']:.4f}", "not identifiable" if found is None else f"{found:.4f}"]
+        row.append("{:.4f} – {:.4f}".format(*entry["interval95"]) if "interval95" in entry else "–")
+        rows.append([*row, entry["unit"]])
+    page.table(["quantity", "model file", "estimate", "95 % interval", "unit"], rows)
 
 
 def _mass_chart(page: HtmlPage, links: Mapping[str, Any], reference: Mapping[str, Any] | None) -> None:

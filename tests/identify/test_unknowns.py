@@ -1,0 +1,135 @@
+"""Centre of mass, inertia and payload: against a robot that was written body by body, not by the code under test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from massid.errors import BadInputError, ModelError
+from massid.identify import IdentifyOptions, Result, Status, identify_offline, identify_online
+from massid.log.walk import Segment, Walk
+from massid.noise import PRESETS, Sensors
+from massid.observer.bank import RobotBank
+from massid.observer.replay import replay_block
+from massid.parameters import Kind, ParameterSpace
+from massid.robot import Robot
+from massid.search.guided import enough_models
+from massid.typing import FloatArray
+from tests.altered_robot import INERTIA_GAIN, PAYLOAD, PAYLOAD_KG, altered, moments
+from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
+
+NOMINAL = make_robot()
+
+
+def _log(true: Robot, seconds: float) -> tuple[Walk, FloatArray]:
+    """A log of the true robot with masses 15 % off, and these masses."""
+    masses = true.mass_space(LINKS)
+    truth = draw_truth(masses, seed=3)
+    return push_about(true, masses, truth, seconds), truth
+
+
+def _true_point(space: ParameterSpace, true: Robot, masses_kg: FloatArray) -> FloatArray:
+    """The truth in the space's coordinates."""
+    point = space.nominal.copy()
+    for k, parameter in enumerate(space.parameters):
+        match parameter.kind:
+            case Kind.MASS:
+                point[k] = masses_kg[LINKS.index(parameter.target)]
+            case Kind.COM:
+                point[k] = true.model.body(parameter.body).ipos["xyz".index(parameter.entry)]
+            case Kind.INERTIA:
+                point[k] = 0.5 * np.log(INERTIA_GAIN) if parameter.entry in ("xx", "yy", "zz") else 0.0
+            case _:
+                point[k] = PAYLOAD_KG
+    return point
+
+
+def _options(space: ParameterSpace, **changes: object) -> IdentifyOptions:
+    options = IdentifyOptions(dwell_s=0.2, noise="clean", bank_size=enough_models(len(space)))
+    return replace(options, **changes)  # type: ignore[arg-type]
+
+
+def _found(result: Result) -> dict[str, float]:
+    return {quantity.name: quantity.estimate for quantity in result.quantities}
+
+
+def test_everything_known_means_zero_response() -> None:
+    true = altered(com="torso", inertia="l_thigh", payload="torso")
+    walk, masses_kg = _log(true, 0.4)
+    space = NOMINAL.parameter_space(LINKS, com=["torso"], inertia=["l_thigh"], payload=[PAYLOAD])
+    bank = RobotBank(NOMINAL, space, walk.contact_bodies, 2)
+    bank.place(np.array([_true_point(space, true, masses_kg), space.nominal]))
+    block = replay_block(walk, NOMINAL.layout, Segment(0, 400))
+    bank.restart(block)
+    exact, nominal = np.abs(bank.advance(block).values).max(axis=(1, 2))
+    assert exact < 1e-11  # rounding, in rad, rad/s, m, m/s
+    assert nominal > 1e-3
+
+
+def test_centre_of_mass_and_payload_are_found_beside_the_masses() -> None:
+    true = altered(com="torso", payload="torso")
+    walk, masses_kg = _log(true, 1.6)
+    space = NOMINAL.parameter_space(LINKS, com=["torso"], payload=[PAYLOAD])
+    result = identify_online(walk, NOMINAL, space, _options(space))
+    assert result.status is Status.CONVERGED
+    np.testing.assert_allclose(result.estimate[: len(LINKS)], masses_kg, atol=1e-6)  # kg
+    found = _found(result)
+    for axis, position in zip("xyz", true.model.body("torso").ipos, strict=True):
+        assert found[f"com/torso/{axis}"] == pytest.approx(position, abs=1e-6)  # m
+    assert found[f"payload/{PAYLOAD}"] == pytest.approx(PAYLOAD_KG, abs=1e-6)  # kg
+    assert result.to_json()["quantities"]["com/torso/x"]["unit"] == "m"
+
+
+def test_inertia_is_found_beside_the_masses() -> None:
+    true = altered(inertia="torso")
+    walk, masses_kg = _log(true, 0.8)
+    space = NOMINAL.parameter_space(LINKS, inertia=["torso"])
+    result = identify_offline(walk, NOMINAL, space, _options(space))
+    np.testing.assert_allclose(result.estimate[: len(LINKS)], masses_kg, atol=1e-6)  # kg
+    expected = moments(true, "torso") * masses_kg[0] / NOMINAL.nominal_mass_kg("torso")
+    found = [_found(result)[f"inertia/torso/{number}"] for number in (1, 2, 3)]
+    np.testing.assert_allclose(found, expected, atol=1e-6)  # kg m^2
+
+
+def test_a_noisy_log_leaves_the_truth_within_its_deviations() -> None:
+    true = altered(com="torso", payload="torso")
+    walk, masses_kg = _log(true, 1.6)
+    measured = Sensors(PRESETS["white"], 8, walk.contact_bodies, np.random.default_rng(0)).measure(walk)
+    space = NOMINAL.parameter_space(LINKS, com=["torso"], payload=[PAYLOAD])
+    options = _options(space, noise="white", other_links=0.0, bank_size=24)
+    result = identify_offline(measured, NOMINAL, space, options)
+    assert result.uncertainty is not None
+    error = result.estimate - _true_point(space, true, masses_kg)
+    assert np.all(np.abs(error) < 4.0 * result.uncertainty.std)
+    assert all(quantity.std is not None and quantity.identifiable for quantity in result.quantities)
+
+
+def test_the_saved_model_has_what_was_found(tmp_path: Path) -> None:
+    space = NOMINAL.parameter_space(["torso"], com=["torso"], inertia=["torso", "l_calf"], payload=[PAYLOAD])
+    point = space.nominal + 0.2 * space.scale * np.random.default_rng(0).uniform(-1.0, 1.0, len(space))
+    point[-1] = PAYLOAD_KG
+    NOMINAL.write_mjcf(space, point, tmp_path / "saved.xml")
+    saved, expected = Robot.load(tmp_path / "saved.xml").model, NOMINAL.model_at(space, point)
+    for name in ("body_mass", "body_ipos", "body_inertia", "body_iquat"):
+        np.testing.assert_allclose(getattr(saved, name), getattr(expected, name), atol=1e-4, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("unknowns", "error", "message"),
+    [
+        ({"com": ["l_tigh"]}, ModelError, "no link named 'l_tigh'. Did you mean l_thigh"),
+        ({"inertia": ["world"]}, ModelError, "The world has no mass"),
+        ({"payload": ["l_hand"]}, ModelError, "no moving body named 'l_hand'"),
+        ({"payload": ["torso@0,1"]}, BadInputError, r"Payload 'torso@0,1': expected BODY or BODY@X,Y,Z"),
+        ({"payload": ["torso@0,1,nan"]}, BadInputError, "expected BODY or BODY@X,Y,Z"),
+        ({"com": ["torso", "torso"]}, BadInputError, "named more than once: com/torso/x"),
+    ],
+)
+def test_what_cannot_be_asked_for_is_named(
+    unknowns: dict[str, list[str]], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        NOMINAL.parameter_space(LINKS, **unknowns)
