@@ -28,6 +28,10 @@ class Kind(enum.StrEnum):
     the model file's; target BODY/ENTRY. Any value belongs to a body that can exist."""
     PAYLOAD = "payload"
     """A point mass carried by a body; target BODY@X,Y,Z, a point in the frame of the body."""
+    FRICTION = "friction"
+    """Friction loss of a joint."""
+    DAMPING = "damping"
+    """Viscous damping of a joint."""
     EFFORT_OFFSET = "effort_offset"
     """What a joint's torque sensor reads too much."""
     EFFORT_GAIN = "effort_gain"
@@ -47,6 +51,8 @@ UNITS = {
     Kind.COM: "m",
     Kind.INERTIA: "1",
     Kind.PAYLOAD: "kg",
+    Kind.FRICTION: "N m",
+    Kind.DAMPING: "N m s/rad",
     Kind.EFFORT_OFFSET: "N m",
     Kind.EFFORT_GAIN: "1",
     Kind.WRENCH_OFFSET: "N, N m",
@@ -113,6 +119,11 @@ class Parameter:
     def is_inertial(self) -> bool:
         """Whether it changes how a body's mass lies."""
         return self.kind in _INERTIAL
+
+    @property
+    def is_passive(self) -> bool:
+        """Whether it is a torque of a joint that no motor makes."""
+        return self.kind in (Kind.FRICTION, Kind.DAMPING)
 
     @property
     def adds_mass(self) -> bool:

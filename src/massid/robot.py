@@ -22,6 +22,7 @@ from massid.bodies import (
     unknown_bodies,
 )
 from massid.errors import LogError, ModelError, unknown_name
+from massid.joints import FIELDS, joint_fields, passive_parameter
 from massid.kinematics import wrenches_in_bodies
 from massid.log.walk import Walk
 from massid.model_edit import keep_actuator_dynamics, make_plain_motor, no_single_base, set_options, without_joints
@@ -240,18 +241,22 @@ class Robot:
         com: Iterable[str] = (),
         inertia: Iterable[str] = (),
         payload: Iterable[str] = (),
+        friction: Iterable[str] = (),
+        damping: Iterable[str] = (),
     ) -> ParameterSpace:
-        """Span masses, and what else is unknown of the robot's bodies.
+        """Span masses, and what else is unknown of the robot's bodies and joints.
 
         Args:
             links: whose mass is unknown.
             com: links whose centre of mass is unknown.
             inertia: links whose rotational inertia is unknown beyond its scaling with the mass.
             payload: point masses of unknown size, BODY or BODY@X,Y,Z in the frame of the body [m].
+            friction: joints whose friction loss is unknown.
+            damping: joints whose viscous damping is unknown.
 
         Raises:
             ModelError: a name is not a link with a mass, or moves with another body; a payload on what does not move;
-                an inertia without thickness.
+                an inertia without thickness; no such joint, or actuators that damp joints, too.
             BadInputError: no links, something named twice, or a point that is not three numbers.
         """
         parameters = list(self.mass_space(links).parameters)
@@ -262,6 +267,11 @@ class Robot:
         for text in payload:
             self._check_carrier(parse_payload(text)[0])
             parameters.append(payload_parameter(self.model, text, self.total_mass_kg))
+        weight_n = self.total_mass_kg * float(np.linalg.norm(self.model.opt.gravity))
+        for kind, joints in ((Kind.FRICTION, friction), (Kind.DAMPING, damping)):
+            for joint in joints:
+                self._check_joint(joint)
+                parameters.append(passive_parameter(self.model, kind, joint, weight_n))
         return ParameterSpace(tuple(parameters))
 
     def _check_link(self, link: str, welded_too: bool = False) -> None:
@@ -272,6 +282,15 @@ class Robot:
             raise ModelError(
                 f"Body '{link}' of {self.source} ({nominal_kg:.3g} kg) moves with '{other}': there is no joint "
                 f"between them, so weigh '{other}'.{self._nearest(link)}"
+            )
+
+    def _check_joint(self, joint: str) -> None:
+        """Refuse what is no joint, and dampers that are not the joints' own."""
+        if joint not in self.joint_names:
+            raise ModelError(unknown_name("joint", joint, self.joint_names, self.source))
+        if not np.array_equal(self.identification_model(()).dof_damping, self.model.dof_damping):
+            raise ModelError(
+                f"{self.source}: actuators damp joints, too; give that damping to the joints to have it identified."
             )
 
     def _check_carrier(self, name: str) -> None:
@@ -296,12 +315,13 @@ class Robot:
         bodies = unknown_bodies(self.model, space)
         sensors: SensorErrors | None = None
         for parameter, values in zip(space.parameters, points.T, strict=True):
-            if parameter.is_inertial:
+            if parameter.is_inertial or parameter.is_passive:
                 continue
             sensors = sensors or SensorErrors.none(len(points), len(self.joint_names), len(contact_bodies))
             errors: FloatArray = getattr(sensors, parameter.kind.value)
             errors[:, self.sensor_column(parameter, contact_bodies)] = values
-        return Realisation(body_fields(self.model, bodies, points), sensors, inertia_slopes(bodies, space, points[0]))
+        fields = {**body_fields(self.model, bodies, points), **joint_fields(self.model, space, points)}
+        return Realisation(fields, sensors, inertia_slopes(bodies, space, points[0]))
 
     def sensor_column(self, parameter: Parameter, contact_bodies: Sequence[str]) -> int:
         """Column of a sensor error: the joint's number, or six times the contact body's number plus the axis."""
@@ -438,6 +458,14 @@ class Robot:
             body.iquat = iquat[0, body_id]
             body.inertia = fields["body_inertia"][0, body_id]
             body.fullinertia = np.full(6, np.nan)
+        for parameter in space.parameters:
+            if parameter.is_passive:
+                joint = spec.joint(parameter.target)
+                value = float(fields[FIELDS[parameter.kind]][0, self.model.joint(parameter.target).dofadr[0]])
+                if parameter.kind is Kind.FRICTION:
+                    joint.frictionloss = value
+                else:
+                    joint.damping = np.eye(len(joint.damping))[0] * value
         save_model(spec, path, fields["body_mass"][0], remark)
 
 

@@ -187,6 +187,7 @@ def test_a_bad_log_is_one_line_and_code_2(
         (("--links", "torso,torso"), "more than once"),
         (("--com", "l_tigh"), "Did you mean l_thigh"),
         (("--inertia", "hand"), "no link named 'hand'"),
+        (("--friction", "l_kne"), "Did you mean l_knee"),
         (("--payload", "torso@0,0"), "expected BODY or BODY@X,Y,Z"),
         (("--bank-size", "7"), "serves at most 6 unknowns"),
         (("--dwell-s", "-1"), "dwell_s is -1.0; it must be positive"),

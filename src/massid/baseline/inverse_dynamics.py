@@ -57,10 +57,10 @@ class InverseDynamics:
         return np.asarray(unexplained)
 
     def residual_at(self, motion: Motion, point: FloatArray) -> FloatArray:
-        """The same at other values: exactly for what changes bodies, to first order for sensors, shape (n, nv)."""
-        inertial = np.array([parameter.is_inertial for parameter in self._space.parameters])
-        change = np.where(inertial, 0.0, point - self._space.nominal)
-        model = self._model_at(np.where(inertial, point, self._space.nominal))
+        """The same at other values: exactly for bodies and joints, to first order for sensors, shape (n, nv)."""
+        in_model = np.array([p.is_inertial or p.is_passive for p in self._space.parameters])
+        change = np.where(in_model, 0.0, point - self._space.nominal)
+        model = self._model_at(np.where(in_model, point, self._space.nominal))
         bodies = self._forces(model, motion) - self._forces(self._model, motion)
         return np.asarray(self.residual(motion) + bodies + self.regressor(motion) @ change)
 
@@ -70,7 +70,7 @@ class InverseDynamics:
         applied = self._jacobians(motion)
         out = np.empty((*nominal.shape, len(self._space)))
         for column, parameter in enumerate(self._space.parameters):
-            if parameter.is_inertial:
+            if parameter.is_inertial or parameter.is_passive:
                 step = MASS_STEP * parameter.nominal if parameter.kind is Kind.MASS else SHAPE_STEP * parameter.scale
                 point = self._space.nominal.copy()
                 point[column] += step

@@ -50,6 +50,10 @@ class Identify:
     """Links whose rotational inertia is unknown, too: any that a body can have."""
     payload: PayloadList = ()
     """Point masses that bodies may carry; the point is in the frame of the body [m], default its origin."""
+    friction: OptionalLinks = None
+    """Joints whose friction loss is unknown, too; only from a log without noise."""
+    damping: OptionalLinks = None
+    """Joints whose viscous damping is unknown, too."""
     topics: OptionalTopics = None
     """Topic map: a YAML file, or a preset such as ros2 or unitree_g1; default what massid records."""
     mode: Literal["auto", "online", "offline"] = "auto"
@@ -95,7 +99,12 @@ class Identify:
         for warning in known:
             warn(warning)
         space = robot.parameter_space(
-            self._links(robot), com=_names(self.com), inertia=_names(self.inertia), payload=self.payload
+            self._links(robot),
+            com=_names(self.com),
+            inertia=_names(self.inertia),
+            payload=self.payload,
+            friction=_names(self.friction),
+            damping=_names(self.damping),
         )
         options = options_for(self.options, [one.audit for one in prepared], len(space))
         if not 0.0 <= self.held_out < 1.0:

@@ -43,7 +43,8 @@ class TangentFilter:
                 bodies.append(robot.model.body(parameter.body).id)
                 continue
             columns[parameter.kind].append(column)
-            sources[parameter.kind].append(robot.sensor_column(parameter, contact_bodies))
+            source = robot.sensor_column(parameter, contact_bodies)  # of a torque sensor, as of a joint
+            sources[parameter.kind].append(source)
         self._inertial, self._bodies = _ids(inertial), _ids(bodies)
         self._columns = {kind: _ids(found) for kind, found in columns.items() if found}
         self._sources = {kind: _ids(found) for kind, found in sources.items() if found}
@@ -80,7 +81,7 @@ class TangentFilter:
         if len(self._inertial):
             forces = self._lineariser.inertial_forces(block, k, self._bodies, self._inertial)
             out[:, self._inertial] = -linear.from_force @ forces
-        torque = block.motion.effort[k, self._joint_dof]
+        torque, speed = block.motion.effort[k, self._joint_dof], block.motion.velocity[k, self._joint_dof]
         for kind, columns in self._columns.items():
             source = self._sources[kind]
             match kind:
@@ -92,6 +93,8 @@ class TangentFilter:
                     out[:, columns] = -linear.from_wrench[:, source] * block.loaded[k, source]
                 case Kind.WRENCH_GAIN:
                     out[:, columns] = -linear.from_wrench[:, source] * block.motion.wrench[k, source]
+                case Kind.DAMPING:
+                    out[:, columns] = -linear.from_effort[:, source] * speed[source]
                 case _:  # an encoder's offset acts on the measurement alone
                     pass
         return out

@@ -118,7 +118,7 @@ def _quantities(page: HtmlPage, document: Mapping[str, Any]) -> None:
     quantities = document.get("quantities") or {}
     if not quantities:
         return
-    page.heading("Centres of mass, inertias, payloads")
+    page.heading("What else was asked for")
     rows = []
     for name, entry in quantities.items():
         found = entry["estimate"]
