@@ -87,6 +87,7 @@ def test_truth_lies_within_a_few_deviations(identify, pushed: Pushed) -> None:  
     assert deviations.max() < 4.0
     assert np.all(result.uncertainty.std < 0.1 * pushed.space.nominal)
     assert result.status is Status.CONVERGED
+    assert [window.index for window in result.windows] == list(range(len(result.windows)))
 
 
 def test_errors_are_as_large_as_the_deviations_say() -> None:

@@ -77,7 +77,7 @@ def _identify(logs: Sequence[Log], robot: Robot, options: IdentifyOptions, progr
     for index in range(options.passes):
         scores = _score_all(replays, search.ask(), in_use, partial(_report, progress, index, options.passes))
         iteration = search.tell(replace(_total(scores), prior=prior))
-        trace.append(WindowResult.from_iteration(iteration, log_s))
+        trace.append(replace(WindowResult.from_iteration(iteration, log_s), index=index))
         left = _decrease_left(iteration)
         settled = iteration.status is SearchStatus.CONVERGED or (noise is not None and left < SETTLED_DECREASE)
         converged = settled and in_use >= n_windows
