@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massid.identify.assembly import assemble
+from massid.identify.online import BLOCK_STEPS
 from massid.identify.options import IdentifyOptions
 from massid.identify.result import Result
 from massid.log.walk import Segment, Walk
@@ -18,7 +19,6 @@ from massid.typing import FloatArray
 
 _LONGEST_S = 2.0
 _LEAD_S = 0.3
-_BLOCK_STEPS = 50
 BASE_CHANNELS = ("base position", "base attitude", "base velocity", "base turn rate")
 
 
@@ -66,7 +66,7 @@ def channel_residuals(result: Result, walk: Walk, robot: Robot, options: Identif
         bank = assemble(robot, space, walk.contact_bodies, walk.timestep_s, result.uncertainty.noise, pair).bank
         bank.place(np.vstack([point, space.nominal]))
         total, counted = np.zeros((2, 2 * robot.model.nv)), 0
-        for part in split(segment, _BLOCK_STEPS):
+        for part in split(segment, BLOCK_STEPS):
             ahead = Segment(part.stop - 1, min(part.stop + LOOK_AHEAD, longest.stop))
             block = replay_block(walk, robot.layout, part, ahead)
             if part.start == segment.start:

@@ -10,13 +10,13 @@ import numpy as np
 from massid.audit.balance import measure_balance
 from massid.audit.one_step import one_step_residual
 from massid.identify.options import IdentifyOptions
+from massid.log.resampling import rotation_between
 from massid.log.walk import Walk
 from massid.log.white_noise import white_level
 from massid.noise import PRESETS, SensorNoise
 from massid.observer.contact_gate import is_unloaded
 from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.robot import Robot
-from massid.typing import FloatArray
 
 CLEAN_VELOCITY = 1e-4
 """A log whose joint velocities have less white noise than this [rad/s] is taken for one without noise."""
@@ -71,7 +71,7 @@ def estimate_white_noise(walk: Walk) -> SensorNoise:
         joint_velocity=white_level(walk.qvel[:, 6:]),
         effort=white_level(walk.effort),
         base_position=white_level(walk.qpos[:, :3]),
-        base_orientation=white_level(_turns(walk.qpos[:, 3:7]), already_differenced=1),
+        base_orientation=white_level(rotation_between(walk.qpos[:-1, 3:7], walk.qpos[1:, 3:7]), already_differenced=1),
         base_linear_velocity=white_level(walk.qvel[:, :3]),
         base_angular_velocity=white_level(walk.qvel[:, 3:6]),
         force=white_level(walk.wrench[:, :, :3].reshape(len(walk), -1)),
@@ -121,11 +121,3 @@ def with_nuisances(
     """The parameters asked for, followed by the nuisances."""
     links = [parameter.target for parameter in space.parameters if parameter.kind is Kind.MASS]
     return ParameterSpace((*space.parameters, *nuisances(robot, walk, links, noise, options)))
-
-
-def _turns(quaternion: FloatArray) -> FloatArray:
-    """Rotation vectors between consecutive samples, shape (n - 1, 3) [rad]."""
-    first, second = quaternion[:-1], quaternion[1:]
-    w = np.sum(first * second, axis=1)
-    vector = first[:, :1] * second[:, 1:] - second[:, :1] * first[:, 1:] - np.cross(first[:, 1:], second[:, 1:])
-    return np.asarray(2.0 * np.sign(w)[:, None] * vector)
