@@ -9,6 +9,7 @@ import pytest
 
 from massid.assets import shipped_models
 from massid.errors import LogError, ModelError
+from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.robot import Robot
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, make_robot
@@ -39,6 +40,23 @@ def test_saved_model_has_the_masses_and_inertias_really_changed(source: str, tmp
     others = [b for b in range(saved.nbody) if saved.body(b).name not in links]
     np.testing.assert_allclose(saved.body_mass[others], robot.model.body_mass[others], rtol=1e-6)
     np.testing.assert_allclose(saved.body_ipos, robot.model.body_ipos, atol=1e-6)
+
+
+def test_an_inertia_scales_by_one_factor_and_leaves_mass_and_frame() -> None:
+    robot = make_robot()
+    space = ParameterSpace(
+        (*robot.mass_space(["l_thigh"]).parameters, Parameter.nuisance(Kind.INERTIA_SCALE, "l_thigh", 0.1))
+    )
+    both = space.nominal * [2.0, 0.0] + [0.0, np.log(1.3)]
+    thick = robot.model_at(space, both)
+    np.testing.assert_allclose(thick.body("l_thigh").inertia, 2.6 * robot.model.body("l_thigh").inertia)
+    assert thick.body("l_thigh").mass[0] == pytest.approx(2.0 * robot.nominal_mass_kg("l_thigh"))
+    np.testing.assert_array_equal(thick.body("l_thigh").iquat, robot.model.body("l_thigh").iquat)
+    # The general way, by pseudo-inertias, agrees.
+    space = ParameterSpace((*robot.parameter_space(["l_thigh"], com=["l_thigh"]).parameters, space.parameters[1]))
+    point = np.array([both[0], *robot.model.body("l_thigh").ipos, both[1]])
+    general = robot.model_at(space, point).body("l_thigh")
+    np.testing.assert_allclose(np.sort(general.inertia), np.sort(thick.body("l_thigh").inertia), rtol=1e-9)
 
 
 def test_a_mass_scales_the_inertia_and_leaves_the_centre_of_mass() -> None:

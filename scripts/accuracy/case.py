@@ -47,6 +47,11 @@ class Case:
         """What is believed of links that are not asked for; with a wrong model, what is the default."""
         return 0.02 if self.part == "wrong" else self.other_links
 
+    @property
+    def believed_link_inertia(self) -> float:
+        """What is believed of rotational inertias: they are right, or with a wrong model, what is the default."""
+        return 0.1 if self.part == "wrong" else 0.0
+
 
 class Ledger:
     """A file with one finished case a line: what was measured survives whatever happens later.

@@ -28,7 +28,12 @@ def measure(case: Case, given: Given) -> dict[str, Any]:
 
 
 def _options(case: Case) -> IdentifyOptions:
-    return IdentifyOptions(noise=case.preset, other_links=case.believed_other_links, seed=case.seed)
+    return IdentifyOptions(
+        noise=case.preset,
+        other_links=case.believed_other_links,
+        link_inertia=case.believed_link_inertia,
+        seed=case.seed,
+    )
 
 
 def _all_unknowns(case: Case, given: Given) -> ParameterSpace:

@@ -115,6 +115,7 @@ class BodyUnknowns:
         self.columns = tuple(k for k, _ in own)
         self._mass = [k for k, p in own if p.kind is Kind.MASS]
         self._centre = {AXES.index(p.entry): k for k, p in own if p.kind is Kind.COM}
+        self._scale = [k for k, p in own if p.kind is Kind.INERTIA_SCALE]
         self._shape = {LOG_CHOLESKY.index(p.entry): k for k, p in own if p.kind is Kind.INERTIA}
         self._payloads = [(k, parse_payload(p.target)[1]) for k, p in own if p.kind is Kind.PAYLOAD]
         row = model.body(body)
@@ -125,14 +126,21 @@ class BodyUnknowns:
         self._spread = spread_of(self._mass_kg, row.inertia)
 
     @property
-    def only_mass(self) -> bool:
-        """Whether nothing else of the body is unknown: its inertia scales with the mass, its frame stays."""
-        return list(self.columns) == self._mass
+    def keeps_frame(self) -> bool:
+        """Whether its centre of mass and the shape of its inertia are the model file's."""
+        return len(self.columns) == len(self._mass) + len(self._scale)
+
+    def mass(self, points: FloatArray) -> FloatArray:
+        """Mass of the body itself, shape (N,) [kg]."""
+        return points[:, self._mass[0]] if self._mass else np.full(len(points), self._mass_kg)
+
+    def gain(self, points: FloatArray) -> FloatArray:
+        """Factor on the rotational inertia that a body of this mass has in the model file, shape (N,)."""
+        return np.exp(points[:, self._scale[0]]) if self._scale else np.ones(len(points))
 
     def link(self, points: FloatArray) -> FloatArray:
         """Pseudo-inertia of the body itself, shape (N, 4, 4)."""
         n = len(points)
-        mass = points[:, self._mass[0]] if self._mass else np.full(n, self._mass_kg)
         centre = np.repeat(self._ipos[None], n, axis=0)
         for axis, column in self._centre.items():
             centre[:, axis] = points[:, column]
@@ -143,7 +151,8 @@ class BodyUnknowns:
                 entries[:, entry] = points[:, column]
             scaled = np.sqrt(self._spread)[:, None] * log_cholesky_factor(entries)
             spread = scaled @ scaled.transpose(0, 2, 1)
-        return pseudo_inertia(mass, centre, self._axes @ spread @ self._axes.T)
+        spread = self.gain(points)[:, None, None] * (self._axes @ spread @ self._axes.T)
+        return pseudo_inertia(self.mass(points), centre, spread)
 
     def loaded(self, points: FloatArray) -> FloatArray:
         """Pseudo-inertia of the body with its payloads, shape (N, 4, 4)."""
@@ -171,15 +180,15 @@ def unknown_bodies(model: mujoco.MjModel, space: ParameterSpace) -> list[BodyUnk
 def body_fields(model: mujoco.MjModel, bodies: Sequence[BodyUnknowns], points: FloatArray) -> Mapping[str, FloatArray]:
     """Model fields of N models, leading axis N; frames of inertia only where they can differ from the nominal ones."""
     names = ["body_mass", "body_inertia"]
-    if not all(body.only_mass for body in bodies):
+    if not all(body.keeps_frame for body in bodies):
         names += ["body_ipos", "body_iquat"]
     fields = {name: np.repeat(getattr(model, name)[None], len(points), axis=0) for name in names}
     for body in bodies:
         number = model.body(body.body).id
-        if body.only_mass:
-            (column,) = body.columns
-            fields["body_inertia"][:, number] *= (points[:, column] / model.body_mass[number])[:, None]
-            fields["body_mass"][:, number] = points[:, column]
+        if body.keeps_frame:
+            mass = body.mass(points)
+            fields["body_inertia"][:, number] *= (body.gain(points) * mass / model.body_mass[number])[:, None]
+            fields["body_mass"][:, number] = mass
             continue
         frame = inertial_frame(body.loaded(points))
         fields["body_mass"][:, number], fields["body_inertia"][:, number] = frame.mass, frame.moments

@@ -26,6 +26,8 @@ class Kind(enum.StrEnum):
     INERTIA = "inertia"
     """Rotational inertia of a link about its centre of mass, in log-Cholesky numbers of its pseudo-inertia, zero for
     the model file's; target BODY/ENTRY. Any value belongs to a body that can exist."""
+    INERTIA_SCALE = "inertia_scale"
+    """Rotational inertia of a link about its centre of mass, all of it by one factor: its natural logarithm."""
     PAYLOAD = "payload"
     """A point mass carried by a body; target BODY@X,Y,Z, a point in the frame of the body."""
     FRICTION = "friction"
@@ -50,6 +52,7 @@ UNITS = {
     Kind.MASS: "kg",
     Kind.COM: "m",
     Kind.INERTIA: "1",
+    Kind.INERTIA_SCALE: "1",
     Kind.PAYLOAD: "kg",
     Kind.FRICTION: "N m",
     Kind.DAMPING: "N m s/rad",
@@ -60,7 +63,7 @@ UNITS = {
     Kind.ENCODER_OFFSET: "rad",
     Kind.COEFFICIENT: "1",
 }
-_INERTIAL = (Kind.MASS, Kind.COM, Kind.INERTIA, Kind.PAYLOAD)
+_INERTIAL = (Kind.MASS, Kind.COM, Kind.INERTIA, Kind.INERTIA_SCALE, Kind.PAYLOAD)
 _SENSOR_ERRORS = (
     Kind.EFFORT_OFFSET,
     Kind.EFFORT_GAIN,

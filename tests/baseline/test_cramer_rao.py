@@ -76,12 +76,13 @@ def test_more_walking_and_less_doubt_never_hurt(pushed: Pushed) -> None:
     offset = Parameter.nuisance(Kind.EFFORT_OFFSET, "l_knee", 0.4)
     gain = Parameter.nuisance(Kind.WRENCH_GAIN, "l_foot/2", 0.01)
     encoder = Parameter.nuisance(Kind.ENCODER_OFFSET, "r_knee", 2e-3)
-    doubtful = _bound(pushed, 300, offset, gain, encoder)
+    inertia = Parameter.nuisance(Kind.INERTIA_SCALE, "torso", 0.1)
+    doubtful = _bound(pushed, 300, offset, gain, encoder, inertia)
     assert np.all(doubtful.std > plain.std)
-    certain = [replace(p, prior_std=1e-9) for p in (offset, gain, encoder)]
+    certain = [replace(p, prior_std=1e-9) for p in (offset, gain, encoder, inertia)]
     np.testing.assert_allclose(_bound(pushed, 300, *certain).std, plain.std, rtol=1e-6)
     assert doubtful.problem == "7 mass, 1 effort_offset (other) +-0.4, 1 wrench_gain (other) +-0.01, " + (
-        "1 encoder_offset (other) +-0.002"
+        "1 encoder_offset (other) +-0.002, 1 inertia_scale (other) +-0.1"
     )
 
 
@@ -100,7 +101,7 @@ def test_what_has_no_bound_is_refused(pushed: Pushed) -> None:
     with pytest.raises(BadInputError, match="Without noise on every measured state there is nothing to bound"):
         _bound(pushed, noise=SensorNoise(effort=1.0))
     strange = Parameter.nuisance(Kind.COEFFICIENT, "x", 1.0)
-    with pytest.raises(BadInputError, match="no bound for coefficient/x: only for masses and for slow errors"):
+    with pytest.raises(BadInputError, match="no bound for coefficient/x: only for bodies and for slow errors"):
         _bound(pushed, 10, strange)
     with pytest.raises(BadInputError, match="do not bound every unknown: name fewer links"):
         _bound(pushed, 1)

@@ -19,7 +19,7 @@ from tests.conftest import Pushed
 from tests.pushed_robot import FEET, LINKS, cut, draw_truth, make_robot, push_about
 
 TRUE = PRESETS["white"]
-WHITE = IdentifyOptions(dwell_s=0.25, noise="white", other_links=0.0)
+WHITE = IdentifyOptions(dwell_s=0.25, noise="white", other_links=0.0, link_inertia=0.0)
 
 
 def _measured(pushed: Pushed, preset: str = "white", seed: int = 0) -> Walk:

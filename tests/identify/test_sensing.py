@@ -13,10 +13,10 @@ from massid.noise import PRESETS, Sensors
 from massid.parameters import Kind
 from massid.typing import FloatArray
 from tests.conftest import Pushed
-from tests.pushed_robot import FEET, LINKS
+from tests.pushed_robot import FEET
 
 WHITE = PRESETS["white"]
-OPTIONS = IdentifyOptions(other_links=0.0)
+OPTIONS = IdentifyOptions(other_links=0.0, link_inertia=0.0)
 
 
 def _one_foot_lifted(pushed: Pushed, offset: FloatArray, seed: int) -> Walk:
@@ -35,7 +35,7 @@ def test_force_offsets_are_read_off_feet_in_the_air(pushed: Pushed) -> None:
     for seed in range(25):
         offset = noise.force_offset * np.random.default_rng(100 + seed).uniform(-1.5, 1.5, (2, 3))
         walk = _one_foot_lifted(pushed, offset, seed)
-        unknown = nuisances(pushed.robot, walk, LINKS, noise, OPTIONS)
+        unknown = nuisances(pushed.robot, walk, pushed.space, noise, OPTIONS)
         found = {p.target: p for p in unknown if p.kind is Kind.WRENCH_OFFSET}
         assert len(found) == 6
         for axis in range(3):
@@ -51,7 +51,7 @@ def test_force_offsets_are_read_off_feet_in_the_air(pushed: Pushed) -> None:
 def test_force_sensors_that_read_plain_zero_have_no_offset(pushed: Pushed) -> None:
     walk = Sensors(WHITE, 8, FEET, np.random.default_rng(0)).measure(pushed.walk)
     walk = replace(walk, wrench=np.zeros_like(walk.wrench))
-    found = nuisances(pushed.robot, walk, LINKS, estimate_white_noise(walk), OPTIONS)
+    found = nuisances(pushed.robot, walk, pushed.space, estimate_white_noise(walk), OPTIONS)
     offsets = [p for p in found if p.kind is Kind.WRENCH_OFFSET]
     assert len(offsets) == 6
     assert all(p.nominal == 0.0 and p.prior_std is not None and p.prior_std < 0.01 for p in offsets)

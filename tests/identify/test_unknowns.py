@@ -10,6 +10,7 @@ import pytest
 
 from massid.errors import BadInputError, ModelError
 from massid.identify import IdentifyOptions, Result, Status, identify_offline, identify_online
+from massid.identify.sensing import nuisances
 from massid.log.walk import Segment, Walk
 from massid.noise import PRESETS, Sensors
 from massid.observer.bank import RobotBank
@@ -105,6 +106,32 @@ def test_a_noisy_log_leaves_the_truth_within_its_deviations() -> None:
     error = result.estimate - _true_point(space, true, masses_kg)
     assert np.all(np.abs(error) < 4.0 * result.uncertainty.std)
     assert all(quantity.std is not None and quantity.identifiable for quantity in result.quantities)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_an_inertia_that_nobody_asked_about_does_not_bias_the_masses(seed: int) -> None:
+    walk, masses_kg = _log(altered(inertia="torso"), 1.2)
+    measured = Sensors(PRESETS["white"], 8, walk.contact_bodies, np.random.default_rng(seed)).measure(walk)
+    space = NOMINAL.mass_space(LINKS)
+    believed, blamed = (
+        identify_offline(measured, NOMINAL, space, IdentifyOptions(noise="white", other_links=0.0, link_inertia=width))
+        for width in (0.1, 0.0)
+    )
+    found = believed.uncertainty
+    assert found is not None
+    assert blamed.uncertainty is not None
+    assert np.all(np.abs(believed.estimate - masses_kg) < 4.0 * found.std)
+    assert np.abs(blamed.estimate - masses_kg).max() > 2.0 * np.abs(believed.estimate - masses_kg).max()
+    torso = [parameter.name for parameter in found.nuisances].index("inertia_scale/torso")
+    assert abs(found.nuisance_estimate[torso] - np.log(INERTIA_GAIN)) < 4.0 * found.nuisance_std[torso]
+    assert found.nuisance_std[torso] < 0.02
+
+
+def test_an_inertia_that_is_asked_for_has_no_other_unknown_in_it() -> None:
+    walk, _ = _log(NOMINAL, 0.2)
+    space = NOMINAL.parameter_space(["torso", "l_calf"], inertia=["torso"])
+    unknown = nuisances(NOMINAL, walk, space, PRESETS["white"], IdentifyOptions())
+    assert [parameter.target for parameter in unknown if parameter.kind is Kind.INERTIA_SCALE] == ["l_calf"]
 
 
 def test_the_saved_model_has_what_was_found(tmp_path: Path) -> None:

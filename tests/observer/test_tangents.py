@@ -23,6 +23,8 @@ CASES = [
     (Kind.MASS, "l_calf", 1e-3),
     (Kind.MASS, "torso", 1e-3),
     (Kind.COM, "torso/x", 1e-5),
+    (Kind.INERTIA_SCALE, "torso", 1e-3),
+    (Kind.INERTIA_SCALE, "l_calf", 1e-3),
     (Kind.PAYLOAD, "l_calf@0.1,0,-0.2", 1e-3),
     (Kind.EFFORT_OFFSET, "r_knee", 1e-3),
     (Kind.EFFORT_GAIN, "l_hip_pitch", 1e-4),
@@ -53,7 +55,9 @@ def test_a_tangent_is_the_derivative_that_a_pair_of_models_shows(
     column = _errors(pushed, space, np.array([[4.0, nominal]])).tangents[1]
     scale = np.abs(expected).max()
     assert scale > 0.0
-    if sampled.is_inertial or kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN):
+    if kind is Kind.INERTIA_SCALE:  # shows in angular accelerations alone, of which an average keeps least
+        assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.3)
+    elif sampled.is_inertial or kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN):
         # Made of the motion around a sample, so as to share no noise with it: an instrument, not the derivative itself.
         assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.1)
     else:
@@ -80,10 +84,12 @@ def test_sampled_and_tangent_parameters_meet_in_one_quadratic(pushed: Pushed) ->
     np.testing.assert_allclose(one.gradient, both.gradient, rtol=0.02, atol=0.02 * np.abs(both.gradient).max())
 
 
-@pytest.mark.parametrize("column", range(11))
+@pytest.mark.parametrize("column", range(13))
 def test_inertial_forces_are_derivatives_of_the_inverse_dynamics(column: int, pushed: Pushed) -> None:
     robot, contacts = pushed.robot, pushed.walk.contact_bodies
     space = robot.parameter_space(["torso"], com=["l_thigh"], inertia=["torso"], payload=["torso@0.1,0.2,0.3"])
+    scales = [Parameter.nuisance(Kind.INERTIA_SCALE, link, 0.1) for link in ("r_thigh", "l_thigh")]
+    space = ParameterSpace((*space.parameters, *scales))
     point = space.nominal + 0.1 * space.scale
     lineariser = Lineariser(robot.identification_model(contacts), robot.layout)
     lineariser.place(robot.realise(space, point[None]))

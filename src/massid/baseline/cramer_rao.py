@@ -26,8 +26,8 @@ STATE_STEP = 1e-6
 """Finite difference of states and wrenches [rad, m, N, N m]."""
 EFFORT_STEP = 1e-3
 """Finite difference of joint torques [N m]; the step is linear in them."""
-MASS_STEP = 1e-4
-"""Finite difference of masses, relative."""
+BODY_STEP = 1e-4
+"""Finite difference of what changes a body, relative to its scale."""
 HOLD_STEPS = 5
 """Samples over which a linearisation is kept."""
 
@@ -92,8 +92,8 @@ def cramer_rao(
     Args:
         walk: without noise.
         robot: the robot with nominal masses.
-        space: the unknowns and their priors; masses and slow errors of the sensors.
-        truth: true masses, and anything for the others, shape (n_p,).
+        space: the unknowns and their priors; of bodies and slow errors of the sensors.
+        truth: of bodies, and anything for the others, shape (n_p,).
         noise: white noise of the sensors; their slow errors are unknowns of the space.
         gate: take it as known that the wrench on a foot in the air is zero. Its sensor then shows its own offset there.
             Otherwise that foot's wrench is as uncertain as when it is loaded.
@@ -160,18 +160,19 @@ class _Plant:
         self, robot: Robot, space: ParameterSpace, truth: FloatArray, contact_bodies: tuple[str, ...], timestep_s: float
     ) -> None:
         self._robot, self._space, self._bodies = robot, space, contact_bodies
-        self._masses = [k for k, parameter in enumerate(space.parameters) if parameter.kind is Kind.MASS]
-        self._mass_steps = MASS_STEP * truth[self._masses]
-        unknown = [p.name for p in space.parameters if p.kind not in (Kind.MASS, Kind.ENCODER_OFFSET, *_ON_INPUTS)]
+        self._inertial = [k for k, parameter in enumerate(space.parameters) if parameter.is_inertial]
+        self._body_steps = BODY_STEP * space.scale[self._inertial]
+        known = (Kind.ENCODER_OFFSET, *_ON_INPUTS)
+        unknown = [p.name for p in space.parameters if not p.is_inertial and p.kind not in known]
         if unknown:
             raise BadInputError(
-                f"There is no bound for {', '.join(unknown)}: only for masses and for slow errors of sensors."
+                f"There is no bound for {', '.join(unknown)}: only for bodies and for slow errors of sensors."
             )
         self._sensors = [k for k, parameter in enumerate(space.parameters) if parameter.kind in _ON_INPUTS]
         self._sources = [self._source(space.parameters[k]) for k in self._sensors]
         self._is_gain = [space.parameters[k].kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN) for k in self._sensors]
-        points = np.repeat(truth[None], 1 + len(self._masses), axis=0)
-        points[1 + np.arange(len(self._masses)), self._masses] += self._mass_steps
+        points = np.repeat(truth[None], 1 + len(self._inertial), axis=0)
+        points[1 + np.arange(len(self._inertial)), self._inertial] += self._body_steps
         self._models = []
         for point in points:
             model = robot.identification_model(contact_bodies)
@@ -181,7 +182,7 @@ class _Plant:
         self._datas = [mujoco.MjData(model) for model in self._models]
         nv, nu = self._models[0].nv, self._models[0].nu
         self._inputs = np.zeros((2 * nv, len(robot.joint_names) + nu))
-        self._from_masses = np.zeros((2 * nv, len(self._masses)))
+        self._from_bodies = np.zeros((2 * nv, len(self._inertial)))
         self.transition: FloatArray = np.zeros((2 * nv, 2 * nv))
 
     def _source(self, parameter: Parameter) -> int:
@@ -218,7 +219,7 @@ class _Plant:
             force[dof] -= EFFORT_STEP
         for column, (other, scratch) in enumerate(zip(self._models[1:], self._datas[1:], strict=True)):
             change = _difference(model, _step(other, scratch, qpos, qvel, force, wrench), base)
-            self._from_masses[:, column] = change / self._mass_steps[column]
+            self._from_bodies[:, column] = change / self._body_steps[column]
 
     def process_noise(self, noise: SensorNoise, loaded: BoolArray) -> FloatArray:
         """Covariance that the noise of the input readings adds to the state in one step, shape (2 nv, 2 nv)."""
@@ -234,7 +235,7 @@ class _Plant:
         A reading is (1 + gain) input + offset: with a larger offset or gain the same reading means a smaller input.
         """
         out = np.zeros((len(self.transition), len(self._space)))
-        out[:, self._masses] = self._from_masses
+        out[:, self._inertial] = self._from_bodies
         readings = np.concatenate([walk.effort[k], walk.wrench[k].ravel()])
         acts = np.concatenate([np.ones(walk.effort.shape[1]), np.repeat(loaded, 6)])
         per_unit = np.where(self._is_gain, readings[self._sources], acts[self._sources])

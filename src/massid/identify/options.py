@@ -23,6 +23,8 @@ class IdentifyOptions:
         passes: offline only: how often the log is replayed at most.
         noise: sensor noise of the log: clean, white, realistic or harsh, or auto to read it off the log.
         other_links: relative standard deviation of the masses of links that are not asked for (noisy logs only).
+        link_inertia: relative standard deviation of the rotational inertia, at its mass, of each link that is asked for
+            (noisy logs only).
         threads: worker threads of the bank; 0 for one per processor.
         seed: seeds the sampling; the same seed gives the same result at any number of threads.
         search: how directions and steps are computed.
@@ -36,6 +38,7 @@ class IdentifyOptions:
     passes: int = 20
     noise: NoisePreset | Literal["auto"] = "auto"
     other_links: float = 0.02
+    link_inertia: float = 0.1
     threads: int = 0
     seed: int = 0
     search: SearchOptions = field(default_factory=SearchOptions)
@@ -57,6 +60,7 @@ class IdentifyOptions:
             "damping_ratio": self.damping_ratio,
             "forgetting_rate": self.forgetting_rate,
             "other_links": self.other_links,
+            "link_inertia": self.link_inertia,
             "threads": self.threads,
             "seed": self.seed,
         }

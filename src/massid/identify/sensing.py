@@ -80,9 +80,10 @@ def estimate_white_noise(walk: Walk) -> SensorNoise:
 
 
 def nuisances(
-    robot: Robot, walk: Walk, links: Sequence[str], noise: SensorNoise, options: IdentifyOptions
+    robot: Robot, walk: Walk, space: ParameterSpace, noise: SensorNoise, options: IdentifyOptions
 ) -> tuple[Parameter, ...]:
-    """What else is not known: slow errors of every sensor, and the masses of the links that were not asked for."""
+    """What else is not known: slow errors of sensors, inertias of the links asked for, masses of those that are not."""
+    links = [parameter.target for parameter in space.parameters if parameter.kind is Kind.MASS]
     axes = [f"{body}/{axis}" for body in walk.contact_bodies for axis in range(6)]
     slow: list[tuple[Kind, Sequence[str], float]] = [
         (Kind.EFFORT_OFFSET, robot.joint_names, noise.effort_offset),
@@ -93,6 +94,10 @@ def nuisances(
     found = [Parameter.nuisance(kind, name, std) for kind, names, std in slow if std > 0.0 for name in names]
     if noise.force_offset > 0.0:
         found += _force_offsets(walk, noise)
+    if options.link_inertia > 0.0:
+        shaped = {parameter.body for parameter in space.parameters if parameter.kind is Kind.INERTIA}
+        scaled = [link for link in links if link not in shaped]
+        found += [Parameter.nuisance(Kind.INERTIA_SCALE, link, options.link_inertia) for link in scaled]
     if options.other_links > 0.0:
         for link in robot.links:
             if link not in links:
@@ -119,5 +124,4 @@ def with_nuisances(
     space: ParameterSpace, robot: Robot, walk: Walk, noise: SensorNoise, options: IdentifyOptions
 ) -> ParameterSpace:
     """The parameters asked for, followed by the nuisances."""
-    links = [parameter.target for parameter in space.parameters if parameter.kind is Kind.MASS]
-    return ParameterSpace((*space.parameters, *nuisances(robot, walk, links, noise, options)))
+    return ParameterSpace((*space.parameters, *nuisances(robot, walk, space, noise, options)))

@@ -25,6 +25,7 @@ _KINDS = {
     "encoder_offset": "encoder offsets",
     "wrench_offset": "force offsets",
     "wrench_gain": "wrench gains",
+    "inertia_scale": "rotational inertias",
     "mass": "masses of other links",
 }
 
@@ -325,7 +326,7 @@ def _nuisances(page: HtmlPage, document: Mapping[str, Any]) -> None:
     nuisances = (document.get("uncertainty") or {}).get("nuisances") or {}
     if not nuisances:
         return
-    page.heading("Errors of the sensors, and links that were not asked for")
+    page.heading("Errors of the sensors, and what else was not asked for")
     page.paragraph(
         "Each dot is an estimate with its standard deviation, in units of what was believed beforehand (±1). Bars that "
         "reach from −1 to 1 around zero learned nothing and stay at their prior.",
