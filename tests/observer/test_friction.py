@@ -9,14 +9,16 @@ from scipy.ndimage import minimum_filter1d
 
 from massid.log.walk import Segment
 from massid.noise import PRESETS, Sensors
-from massid.observer.friction import HALF_WIDTH, STICKING_S, StickSlip
+from massid.observer.friction import STICKING_S, StickSlip
 from massid.observer.replay import ReplayBlock, replay_block
+from massid.observer.spans import Spans
 from massid.robot import Robot, write_fields
 from massid.typing import FloatArray
 from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about
 
 LOSS_NM = 1.0
 WHITE = PRESETS["white"]
+WIDTH = Spans.at(1e-3).width
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ def test_where_friction_is_certain_it_is_the_engines_own(rubbing: Rubbing) -> No
 
 def test_a_joint_that_sticks_for_as_long_as_an_average_is_never_certain(rubbing: Rubbing) -> None:
     _, uncertain = _judge(rubbing, rubbing.measured)
-    sticks = minimum_filter1d((np.abs(rubbing.friction) < 0.99 * LOSS_NM).astype(int), 2 * HALF_WIDTH + 1, axis=0) > 0
+    sticks = minimum_filter1d((np.abs(rubbing.friction) < 0.99 * LOSS_NM).astype(int), WIDTH, axis=0) > 0
     assert sticks.any(axis=0).sum() >= 4
     assert uncertain[sticks].all()
 
@@ -107,7 +109,7 @@ def test_a_moment_of_doubt_spreads_over_the_average_that_it_is_part_of(rubbing: 
     np.testing.assert_array_equal(moving, 0.0)
     qvel[100, dof] = -28.0  # the average of one width becomes zero
     stopped = np.flatnonzero(rubbing.stick_slip.torque(qpos, qvel, np.zeros((n, 14)), np.zeros((n, 12)))[1][:, 0])
-    np.testing.assert_array_equal(stopped, np.arange(100 - 2 * HALF_WIDTH, 101 + 2 * HALF_WIDTH))
+    np.testing.assert_array_equal(stopped, np.arange(101 - WIDTH, 100 + WIDTH))
 
 
 def test_joints_without_friction_loss_are_certain_to_have_none() -> None:

@@ -11,14 +11,17 @@ import pytest
 
 from massid.log.walk import Segment, Walk
 from massid.noise import PRESETS, Sensors
-from massid.observer.inputs import GAP, LOOK_AHEAD, REACH, BelievedBlock, InputBelief, Motion
+from massid.observer.inputs import BelievedBlock, InputBelief, Motion
 from massid.observer.replay import ReplayBlock, replay_block
+from massid.observer.spans import Spans
 from massid.typing import FloatArray
 from tests.pushed_robot import FEET, LINKS, make_robot, push_about
 
 NOISE = PRESETS["white"]
 ROBOT = make_robot(friction_loss=1.0)
 TIMESTEP_S = 1e-3
+SPANS = Spans.at(TIMESTEP_S)
+GAP, REACH = SPANS.gap, SPANS.reach
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +46,7 @@ def _believe(walk: Walk, borders: Sequence[int], belief: InputBelief | None = No
     return [
         belief.believe(
             replay_block(
-                walk, layout, Segment(first, last + 1), Segment(last, min(last + LOOK_AHEAD + 1, borders[-1] + 1))
+                walk, layout, Segment(first, last + 1), Segment(last, min(last + SPANS.look_ahead + 1, borders[-1] + 1))
             )
         )
         for first, last in pairwise(borders)

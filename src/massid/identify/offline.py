@@ -19,8 +19,8 @@ from massid.identify.progress import Progress, silent
 from massid.identify.result import Result, WindowResult
 from massid.log.walk import Segment, Walk
 from massid.observer.blas import single_threaded
-from massid.observer.inputs import LOOK_AHEAD
 from massid.observer.replay import replay_block, split
+from massid.observer.spans import Spans
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
 from massid.search.guided import GuidedSearch, Iteration, SearchStatus
@@ -137,6 +137,7 @@ class _Replay:
     def __init__(self, log: Log, robot: Robot, options: IdentifyOptions, columns: IntArray) -> None:
         walk = self._walk = log.walk
         self._windows = list(walk.windows(options.dwell_s))
+        self._look_ahead = Spans.at(walk.timestep_s).look_ahead
         if not self._windows:
             raise LogError(
                 f"{walk.source}: {walk.duration_s:.3g} s of samples do not fill one dwell window of "
@@ -168,7 +169,7 @@ class _Replay:
         bank = self._assembly.bank
         scores = MonitoringFilter(bank.n_models, bank.timestep_s, self._assembly.forgetting_rate)
         for part in split(window, BLOCK_STEPS):
-            ahead = Segment(part.stop - 1, min(part.stop + LOOK_AHEAD, self._end_of[window.start]))
+            ahead = Segment(part.stop - 1, min(part.stop + self._look_ahead, self._end_of[window.start]))
             block = replay_block(self._walk, bank.robot.layout, part, ahead)
             if part.start == window.start and (not bank.carries_belief or window.start in self._fresh):
                 bank.restart(block)

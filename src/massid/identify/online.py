@@ -19,8 +19,8 @@ from massid.identify.result import Result, WindowResult
 from massid.log.walk import Sample, Walk
 from massid.noise import SensorNoise
 from massid.observer.blas import single_threaded
-from massid.observer.inputs import LOOK_AHEAD
 from massid.observer.replay import SampleBuffer
+from massid.observer.spans import Spans
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
 from massid.search.guided import GuidedSearch, SearchStatus
@@ -87,7 +87,7 @@ class OnlineIdentifier:
         robot = self._robot
         assembly = assemble(robot, self.space, contact_bodies, timestep_s, noise, self.options)
         self._bank, self._forgetting_rate = assembly.bank, assembly.forgetting_rate
-        self._look_ahead = 0 if noise is None else LOOK_AHEAD
+        self._look_ahead = 0 if noise is None else Spans.at(timestep_s).look_ahead
         capacity = BLOCK_STEPS + self._look_ahead + 1
         self._buffer = SampleBuffer(robot.layout, len(robot.joint_names), len(contact_bodies), capacity)
         self._is_first = True

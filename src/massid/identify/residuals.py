@@ -12,8 +12,8 @@ from massid.identify.options import IdentifyOptions
 from massid.identify.result import Result
 from massid.log.walk import Segment, Walk
 from massid.observer.blas import single_threaded
-from massid.observer.inputs import LOOK_AHEAD
 from massid.observer.replay import replay_block, split
+from massid.observer.spans import Spans
 from massid.robot import Robot
 from massid.typing import FloatArray
 
@@ -62,12 +62,13 @@ def channel_residuals(result: Result, walk: Walk, robot: Robot, options: Identif
         return None
     space, point = result.unknowns()
     pair = replace(options, bank_size=2)
+    look_ahead = Spans.at(walk.timestep_s).look_ahead
     with single_threaded():
         bank = assemble(robot, space, walk.contact_bodies, walk.timestep_s, result.uncertainty.noise, pair).bank
         bank.place(np.vstack([point, space.nominal]))
         total, counted = np.zeros((2, 2 * robot.model.nv)), 0
         for part in split(segment, BLOCK_STEPS):
-            ahead = Segment(part.stop - 1, min(part.stop + LOOK_AHEAD, longest.stop))
+            ahead = Segment(part.stop - 1, min(part.stop + look_ahead, longest.stop))
             block = replay_block(walk, robot.layout, part, ahead)
             if part.start == segment.start:
                 bank.restart(block)

@@ -108,7 +108,7 @@ def nuisances(
 
 def _force_offsets(walk: Walk, noise: SensorNoise) -> list[Parameter]:
     """Offsets of the force sensors, with what their readings off the ground say about them."""
-    unloaded = is_unloaded(walk.wrench.reshape(len(walk), -1), noise)
+    unloaded = is_unloaded(walk.wrench.reshape(len(walk), -1), noise, walk.timestep_s)
     variance = max(noise.force, LEAST_SHARE * PRESETS["white"].force) ** 2  # a simulated sensor may read plain zero
     found = []
     for contact, body in enumerate(walk.contact_bodies):

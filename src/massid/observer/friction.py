@@ -16,13 +16,10 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from massid.noise import SensorNoise
+from massid.observer.spans import Spans
 from massid.robot import JointLayout, Realisation, write_fields
 from massid.typing import FloatArray
 
-HALF_WIDTH = 7
-"""A measurement is averaged with so many before and after it."""
-REACH = 2 * HALF_WIDTH
-"""Samples before and after one that bear upon it: a joint is uncertain next to where an average says so."""
 STICKING_S = 0.2
 """How long a joint is taken to stick at a time [s]."""
 _SURE = 3.0
@@ -45,7 +42,13 @@ class StickSlip:
         self._data = mujoco.MjData(self._model)
         self._loss = self._model.dof_frictionloss[layout.joint_dof].copy()
         self._joint_dof = layout.joint_dof
-        self._velocity_std = noise.joint_velocity / np.sqrt(2 * HALF_WIDTH + 1)
+        self._width = Spans.at(model.opt.timestep).width
+        self._velocity_std = noise.joint_velocity / np.sqrt(self._width)
+
+    @property
+    def reach(self) -> int:
+        """Samples before and after one that bear upon it: a joint is uncertain next to where an average says so."""
+        return self._width - 1
 
     @property
     def sticking_variance(self) -> FloatArray:
@@ -74,8 +77,7 @@ class StickSlip:
         Returns:
             torques, shape (n, n_joints) [N m], and 1 where the joint may stick or else 0, same shape.
         """
-        width = 2 * HALF_WIDTH + 1
-        qvel, force, wrench = (uniform_filter1d(x, width, axis=0, mode="mirror") for x in (qvel, force, wrench))
+        qvel, force, wrench = (uniform_filter1d(x, self._width, axis=0, mode="mirror") for x in (qvel, force, wrench))
         model, data = self._model, self._data
         by_dof = np.zeros((len(qpos), model.nv))
         for k in range(len(qpos)):
@@ -86,5 +88,5 @@ class StickSlip:
         torque = by_dof[:, self._joint_dof]
         slides = np.abs(qvel[:, self._joint_dof]) > _SURE * self._velocity_std
         slides &= np.abs(torque) >= _SATURATED * self._loss
-        uncertain = maximum_filter1d((~slides).astype(np.uint8), width, axis=0, mode="nearest")
+        uncertain = maximum_filter1d((~slides).astype(np.uint8), self._width, axis=0, mode="nearest")
         return torque, np.where(self._loss > 0.0, uncertain, 0).astype(np.float64)

@@ -17,19 +17,12 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from massid.noise import SensorNoise
-from massid.observer import contact_gate, friction
 from massid.observer.contact_gate import is_unloaded
 from massid.observer.friction import StickSlip
 from massid.observer.replay import ReplayBlock
+from massid.observer.spans import Spans
 from massid.robot import JointLayout, Realisation
 from massid.typing import FloatArray
-
-GAP, REACH = 5, 20
-"""The motion at a sample is estimated from those more than GAP and at most REACH before and after it."""
-LOOK_AHEAD = REACH + contact_gate.HALF_WIDTH
-"""Samples after a block that bear upon it: the furthest wrench in its motion, and what that one is judged by."""
-MEMORY = REACH + contact_gate.SETTLING + contact_gate.HALF_WIDTH
-"""Samples before a block that bear upon it, likewise."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +75,7 @@ class InputBelief:
     def __init__(self, model: mujoco.MjModel, layout: JointLayout, noise: SensorNoise) -> None:
         self._noise = noise
         self._timestep_s = float(model.opt.timestep)
+        self._spans = Spans.at(self._timestep_s)
         self._joint_dof = layout.joint_dof
         self._stick_slip = StickSlip(model, layout, noise) if np.any(model.dof_frictionloss > 0.0) else None
         self._before: tuple[FloatArray, ...] = ()
@@ -107,21 +101,23 @@ class InputBelief:
         if self._before:
             parts.insert(0, self._before)
         first = sum(len(part[0]) for part in parts) - n
-        self._before = tuple(np.vstack([part[i] for part in parts])[-MEMORY:] for i in range(4))
+        self._before = tuple(np.vstack([part[i] for part in parts])[-self._spans.memory :] for i in range(4))
         if block.ahead is not None:
             parts.append((block.ahead.qpos[:-1], block.ahead.qvel[:-1], block.ahead.effort, block.ahead.wrench))
         qpos, qvel, effort, wrench = (np.vstack([part[i] for part in parts]) for i in range(4))
         own = slice(first, first + n)
-        loaded = np.repeat(~is_unloaded(wrench, self._noise), 6, axis=1).astype(np.float64)
+        loaded = np.repeat(~is_unloaded(wrench, self._noise, self._timestep_s), 6, axis=1).astype(np.float64)
         wrench = wrench * loaded
         torque = np.zeros((n, len(self._joint_dof)))
         sticking = np.zeros_like(torque)
         if self._stick_slip is not None:
-            near = slice(max(0, first - friction.REACH), first + n + friction.REACH)
+            reach = self._stick_slip.reach
+            near = slice(max(0, first - reach), first + n + reach)
             torque, sticking = self._stick_slip.torque(qpos[near], qvel[near], effort[near], wrench[near])
             torque, sticking = (rows[first - near.start :][:n] for rows in (torque, sticking))
         by_dof = np.zeros_like(block.effort)
         by_dof[:, self._joint_dof] = torque
+        spans = self._spans
         return BelievedBlock(
             qpos=block.qpos,
             qvel=block.qvel,
@@ -131,26 +127,28 @@ class InputBelief:
             friction=by_dof,
             sticking=sticking,
             motion=Motion(
-                velocity=_level(qvel, own),
-                acceleration=_slope(qvel, own) / self._timestep_s,
-                effort=_level(effort, own),
-                wrench=_level(wrench, own) * loaded[own],
+                velocity=_level(qvel, own, spans),
+                acceleration=_slope(qvel, own, spans) / self._timestep_s,
+                effort=_level(effort, own, spans),
+                wrench=_level(wrench, own, spans) * loaded[own],
             ),
         )
 
 
-def _level(rows: FloatArray, own: slice) -> FloatArray:
+def _level(rows: FloatArray, own: slice, spans: Spans) -> FloatArray:
     """Averages of both sides' neighbours, for some of the rows."""
-    return _from_sides(rows, own, np.full(REACH - GAP, 1.0 / (REACH - GAP)))
+    width = spans.reach - spans.gap
+    return _from_sides(rows, own, spans, np.full(width, 1.0 / width))
 
 
-def _slope(rows: FloatArray, own: slice) -> FloatArray:
+def _slope(rows: FloatArray, own: slice, spans: Spans) -> FloatArray:
     """Slopes of straight lines through both sides' neighbours, for some of the rows, per row."""
-    offsets = np.arange(REACH - GAP) - 0.5 * (REACH - GAP - 1)
-    return _from_sides(rows, own, offsets / (offsets @ offsets))
+    width = spans.reach - spans.gap
+    offsets = np.arange(width) - 0.5 * (width - 1)
+    return _from_sides(rows, own, spans, offsets / (offsets @ offsets))
 
 
-def _from_sides(rows: FloatArray, own: slice, weights: FloatArray) -> FloatArray:
+def _from_sides(rows: FloatArray, own: slice, spans: Spans, weights: FloatArray) -> FloatArray:
     """Mean of the weighted neighbours before and after; of one side alone where the other has not been measured."""
     n, width = len(rows), len(weights)
     if n < width:  # as for the last samples of a short log
@@ -158,7 +156,7 @@ def _from_sides(rows: FloatArray, own: slice, weights: FloatArray) -> FloatArray
         return np.repeat(whole[None], own.stop - own.start, axis=0)
     sums = correlate1d(rows, weights, axis=0, origin=-(width // 2))[: n - width + 1]  # of rows k .. k + width - 1
     k = np.arange(own.start, own.stop)
-    before, after = k - REACH, k + GAP + 1
+    before, after = k - spans.reach, k + spans.gap + 1
     has_before, has_after = before >= 0, after <= n - width
     neither = ~(has_before | has_after)
     share = has_after / np.maximum(has_before.astype(int) + has_after, 1)

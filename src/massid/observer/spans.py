@@ -1,0 +1,58 @@
+"""How far around a sample its neighbours are looked at: times, counted in the samples of a log.
+
+Motion, noise and the settling of a foot know nothing of a log's rate. Counts have a least value below which an average,
+or a distance that keeps the noise of neighbours apart, means nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+GAP_S, REACH_S = 0.005, 0.02
+"""The motion at a sample is estimated from those more than a gap and at most a reach before and after it [s]."""
+HALF_WIDTH_S = 0.007
+"""A reading of a force, or a velocity that friction depends on, is averaged with those so near before and after it [s]."""
+SETTLING_S = 0.02
+"""Time after the last load before a foot counts as unloaded [s]: it may be rolling off the ground, hardly loaded."""
+LEAST_NEIGHBOURS = 3
+"""On each side: a straight line through fewer says little."""
+
+
+@dataclass(frozen=True)
+class Spans:
+    """The spans in samples.
+
+    Attributes:
+        gap: neighbours on each side that have no part in the motion at a sample, at least 1.
+        reach: the furthest that has, at least `LEAST_NEIGHBOURS` more.
+        half_width: neighbours on each side that a reading is averaged with, at least 1.
+        settling: samples after the last load before a foot counts as unloaded, at least 1.
+    """
+
+    gap: int
+    reach: int
+    half_width: int
+    settling: int
+
+    @classmethod
+    def at(cls, timestep_s: float) -> Spans:
+        """The spans of a log with a sample period."""
+        gap, reach, half_width, settling = (
+            max(1, round(span_s / timestep_s)) for span_s in (GAP_S, REACH_S, HALF_WIDTH_S, SETTLING_S)
+        )
+        return cls(gap, max(reach, gap + LEAST_NEIGHBOURS), half_width, settling)
+
+    @property
+    def width(self) -> int:
+        """Readings in an average."""
+        return 2 * self.half_width + 1
+
+    @property
+    def look_ahead(self) -> int:
+        """Samples after a block that bear upon it: the furthest wrench in its motion, and what that is judged by."""
+        return self.reach + self.half_width
+
+    @property
+    def memory(self) -> int:
+        """Samples before a block that bear upon it, likewise."""
+        return self.reach + self.settling + self.half_width
