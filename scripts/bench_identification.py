@@ -26,6 +26,7 @@ from massid.robot import Robot
 from massid.score import Truth, score
 from massid.search.directions import DirectionName
 from massid.search.guided import SearchOptions
+from massid.unknowns import mass_space
 
 THRESHOLD_KG = 0.5
 
@@ -70,7 +71,7 @@ def run(bench: Bench, seed: int) -> Outcome:
         record_walk(resolve_model(bench.robot), path, bench.seconds, gait=bench.gait, seed=seed)
     walk = read_walk(path)
     robot = Robot.load(resolve_model(bench.robot))
-    space = robot.mass_space(robot.walking_links())
+    space = mass_space(robot, robot.walking_links())
     truth = Truth.load(path.with_suffix(".truth.json"))
     initial = np.linalg.norm([truth.mass_kg[p.target] - p.nominal for p in space.parameters])
     errors = {}

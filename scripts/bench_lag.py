@@ -21,6 +21,7 @@ from massid.identify import IdentifyOptions, identify_offline
 from massid.log import TopicMap, Walk, read_walk
 from massid.robot import Robot
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 from robot_lab import write_ros2
 
 FOLDER = Path("bench_lag")
@@ -29,7 +30,7 @@ CASES = ((1, 0.0), (1, 0.001), (2, 0.0), (2, 0.001), (2, 0.0033), (2, -0.0007))
 
 def error(log: Walk, robot: Robot, links: tuple[str, ...], truth: FloatArray) -> float:
     """L2 mass error after an offline identification [kg]."""
-    space = robot.mass_space(links)
+    space = mass_space(robot, links)
     result = identify_offline(log, robot, space, IdentifyOptions(noise="clean", passes=5))
     return float(np.linalg.norm(result.estimate[: len(truth)] - truth))
 

@@ -27,6 +27,7 @@ from massid.parameters import ParameterSpace
 from massid.plant import MassErrors
 from massid.robot import Robot
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 from robot_harness import Harness, hang, marching_control, plan_march
 from robot_lab import Recorded, simulate, walking_control, wriggling_control, write_ros2
 from robot_traits import TRAITS, atlas_with, stepping_humanoid, suite_robot
@@ -73,7 +74,7 @@ def draw(robot: Robot, seed: int) -> tuple[ParameterSpace, FloatArray]:
     links = robot.walking_links()
     if len(links) < LINKS:
         links = tuple(sorted(moving, key=robot.nominal_mass_kg, reverse=True)[:LINKS])
-    space = robot.mass_space(links)
+    space = mass_space(robot, links)
     norm = float(np.linalg.norm(space.nominal)) / 4.0
     errors = MassErrors(links, norm).draw(robot, np.random.default_rng(seed)).error_kg
     return space, space.nominal + np.array([errors[link] for link in links])

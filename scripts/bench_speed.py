@@ -29,6 +29,7 @@ from massid.observer.replay import replay_block, split
 from massid.robot import Robot
 from massid.search.monitoring import MonitoringFilter
 from massid.search.proposal import Proposal, Role
+from massid.unknowns import mass_space
 
 ROUNDS = 7
 STEPS = 500
@@ -51,7 +52,7 @@ def main(bench: Bench) -> None:
     walk = read_walk(bench.log)
     robot = Robot.load(resolve_model(bench.model))
     walk = robot.align(walk)
-    space = robot.mass_space(robot.walking_links())
+    space = mass_space(robot, robot.walking_links())
     points = space.project(space.nominal * np.random.default_rng(0).normal(1.0, 0.05, (bench.bank_size, len(space))))
     proposal = Proposal(points, (Role.CENTRE, *[Role.SAMPLE] * (bench.bank_size - 1)))
     window = Segment(1500, 1501 + STEPS)

@@ -19,7 +19,8 @@ from massid.plant import motorised
 from massid.plant.contacts import ContactRecorder, LoadCells
 from massid.plant.effort import effort_meter
 from massid.plant.parts import RobotParts
-from massid.robot import Robot, write_fields
+from massid.realisation import write_fields
+from massid.robot import Robot
 from massid.typing import FloatArray, IntArray
 from massid.walking import Walker, find_gait
 

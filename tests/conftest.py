@@ -8,6 +8,7 @@ from massid.log.walk import Walk
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
 
 
@@ -24,6 +25,6 @@ class Pushed:
 @pytest.fixture(scope="session")
 def pushed() -> Pushed:
     robot = make_robot()
-    space = robot.mass_space(LINKS)
+    space = mass_space(robot, LINKS)
     truth = draw_truth(space, seed=3)
     return Pushed(robot, space, truth, push_about(robot, space, truth, seconds=1.6))

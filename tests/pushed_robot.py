@@ -10,7 +10,8 @@ import numpy as np
 
 from massid.log.walk import Segment, Walk
 from massid.parameters import ParameterSpace
-from massid.robot import Robot, write_fields
+from massid.realisation import write_fields
+from massid.robot import Robot
 from massid.typing import FloatArray
 
 

@@ -33,7 +33,18 @@ SEES = {
     "systems": {"search", "parameters", "errors", "typing"},
     "log": {"errors", "typing"},
     "noise": {"log", "errors", "typing"},
-    "observer": {"inertia", "noise", "robot", "log", "search", "parameters", "errors", "typing"},
+    "observer": {
+        "inertia",
+        "layout",
+        "realisation",
+        "noise",
+        "robot",
+        "log",
+        "search",
+        "parameters",
+        "errors",
+        "typing",
+    },
     "identify": {
         "audit",
         "baseline",
@@ -51,8 +62,18 @@ SEES = {
     },
     "walking": {"robot", "errors", "typing"},
     "audit": {"robot", "kinematics", "log", "errors", "typing"},
-    "baseline": {"noise", "robot", "log", "parameters", "errors", "typing"},
-    "plant": {"noise", "walking", "robot", "log", "parameters", "errors", "typing"},
+    "baseline": {"layout", "noise", "realisation", "robot", "log", "parameters", "errors", "typing"},
+    "plant": {
+        "model_file",
+        "noise",
+        "unknowns",
+        "walking",
+        "robot",
+        "log",
+        "parameters",
+        "errors",
+        "typing",
+    },
 }
 """What each room may know of the others: data flows one way, and truth never reaches identification."""
 

@@ -11,6 +11,7 @@ from massid.assets import shipped_models
 from massid.errors import LogError, ModelError
 from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.robot import Robot
+from massid.unknowns import mass_space, parameter_space
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, make_robot
 
@@ -28,7 +29,7 @@ def test_saved_model_has_the_masses_and_inertias_really_changed(source: str, tmp
         robot, links = Robot(mujoco.MjSpec.from_string(FROM_GEOMS)), ("base", "arm")
     else:
         robot, links = Robot.load(shipped_models()["atlas"]), ("torso", "l_foot")
-    space = robot.mass_space(links)
+    space = mass_space(robot, links)
     point = space.nominal * np.array([1.2, 0.8])
     robot.write_mjcf(space, point, tmp_path / "identified.xml")
 
@@ -45,7 +46,7 @@ def test_saved_model_has_the_masses_and_inertias_really_changed(source: str, tmp
 def test_an_inertia_scales_by_one_factor_and_leaves_mass_and_frame() -> None:
     robot = make_robot()
     space = ParameterSpace(
-        (*robot.mass_space(["l_thigh"]).parameters, Parameter.nuisance(Kind.INERTIA_SCALE, "l_thigh", 0.1))
+        (*mass_space(robot, ["l_thigh"]).parameters, Parameter.nuisance(Kind.INERTIA_SCALE, "l_thigh", 0.1))
     )
     both = space.nominal * [2.0, 0.0] + [0.0, np.log(1.3)]
     thick = robot.model_at(space, both)
@@ -53,7 +54,7 @@ def test_an_inertia_scales_by_one_factor_and_leaves_mass_and_frame() -> None:
     assert thick.body("l_thigh").mass[0] == pytest.approx(2.0 * robot.nominal_mass_kg("l_thigh"))
     np.testing.assert_array_equal(thick.body("l_thigh").iquat, robot.model.body("l_thigh").iquat)
     # The general way, by pseudo-inertias, agrees.
-    space = ParameterSpace((*robot.parameter_space(["l_thigh"], com=["l_thigh"]).parameters, space.parameters[1]))
+    space = ParameterSpace((*parameter_space(robot, ["l_thigh"], com=["l_thigh"]).parameters, space.parameters[1]))
     point = np.array([both[0], *robot.model.body("l_thigh").ipos, both[1]])
     general = robot.model_at(space, point).body("l_thigh")
     np.testing.assert_allclose(np.sort(general.inertia), np.sort(thick.body("l_thigh").inertia), rtol=1e-9)
@@ -61,7 +62,7 @@ def test_an_inertia_scales_by_one_factor_and_leaves_mass_and_frame() -> None:
 
 def test_a_mass_scales_the_inertia_and_leaves_the_centre_of_mass() -> None:
     robot = make_robot()
-    space = robot.mass_space(["l_thigh"])
+    space = mass_space(robot, ["l_thigh"])
     heavy = robot.model_at(space, 2.0 * space.nominal)
     np.testing.assert_allclose(heavy.body("l_thigh").inertia, 2.0 * robot.model.body("l_thigh").inertia)
     np.testing.assert_array_equal(heavy.body("l_thigh").ipos, robot.model.body("l_thigh").ipos)
@@ -89,7 +90,7 @@ def test_identification_model_has_neither_contacts_nor_the_robots_own_motors() -
 )
 def test_unknown_links_are_named_with_the_nearest_ones(link: str, message: str) -> None:
     with pytest.raises(ModelError, match=message):
-        make_robot().mass_space([link])
+        mass_space(make_robot(), [link])
 
 
 def test_a_model_without_free_joint_is_refused() -> None:
@@ -144,7 +145,7 @@ def test_a_model_with_includes_and_meshes_is_saved_into_another_folder(tmp_path:
     (home / "parts" / "assets.xml").write_text('<mujoco><asset><mesh name="tet" file="tet.obj"/></asset></mujoco>')
     (home / "robot.xml").write_text(WITH_MESHES)
     robot = Robot.load(home / "robot.xml")
-    space = robot.mass_space(["arm"])
+    space = mass_space(robot, ["arm"])
     robot.write_mjcf(space, np.array([1.7]), other / "identified.xml")
     saved = Robot.load(other / "identified.xml")
     assert saved.nominal_mass_kg("arm") == pytest.approx(1.7)
@@ -162,7 +163,7 @@ def test_a_model_that_cannot_be_saved_leaves_the_old_file(tmp_path: Path) -> Non
     (tmp_path / "parts" / "meshes" / "tet.obj").unlink()
     (tmp_path / "old.xml").write_text("old")
     with pytest.raises(ModelError, match=r"old\.xml: the saved model does not load"):
-        robot.write_mjcf(robot.mass_space(["arm"]), np.array([1.7]), tmp_path / "old.xml")
+        robot.write_mjcf(mass_space(robot, ["arm"]), np.array([1.7]), tmp_path / "old.xml")
     assert (tmp_path / "old.xml").read_text() == "old"
 
 
@@ -170,7 +171,7 @@ def test_a_model_that_cannot_be_saved_leaves_the_old_file(tmp_path: Path) -> Non
 def test_rescaled_masses_are_saved_as_they_are(tmp_path: Path) -> None:
     xml = FROM_GEOMS.replace('inertiafromgeom="true"', 'settotalmass="50" boundmass="0.7"')
     robot = Robot(mujoco.MjSpec.from_string(xml))
-    space = robot.mass_space(["arm"])
+    space = mass_space(robot, ["arm"])
     robot.write_mjcf(space, 1.5 * space.nominal, tmp_path / "saved.xml")
     saved = Robot.load(tmp_path / "saved.xml").model
     expected = robot.model_at(space, 1.5 * space.nominal)
@@ -207,11 +208,11 @@ def test_default_classes_do_not_reach_the_wrench_motors() -> None:
 def test_links_that_cannot_be_weighed_are_named_with_those_that_can() -> None:
     robot = Robot(mujoco.MjSpec.from_string(FROM_GEOMS))
     with pytest.raises(ModelError, match=r"'welded' .* moves with 'arm'.* so weigh 'arm'"):
-        robot.mass_space(["welded"])
-    assert len(robot.mass_space(["welded"], welded_too=True)) == 1
+        mass_space(robot, ["welded"])
+    assert len(mass_space(robot, ["welded"], welded_too=True)) == 1
     massless = FROM_GEOMS.replace('<body name="welded">', '<body name="arm_frame"/><body name="welded">')
     with pytest.raises(ModelError, match=r"'arm_frame' of spec has no mass. Did you mean arm"):
-        Robot(mujoco.MjSpec.from_string(massless)).mass_space(["arm_frame"])
+        mass_space(Robot(mujoco.MjSpec.from_string(massless)), ["arm_frame"])
 
 
 def test_several_floating_bodies_and_none_say_what_to_do() -> None:

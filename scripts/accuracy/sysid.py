@@ -21,12 +21,13 @@ import numpy as np
 from massid.errors import BadInputError
 from massid.log import Walk
 from massid.log.walk import Segment
-from massid.model_edit import keep_actuator_dynamics, make_plain_motor, set_options
+from massid.model_edit import WRENCH_SITE_PREFIX, keep_actuator_dynamics, make_plain_motor, set_options
 from massid.noise import PRESETS
 from massid.observer.bank import RobotBank
 from massid.observer.replay import replay_block
 from massid.parameters import ParameterSpace
-from massid.robot import WRENCH_SITE_PREFIX, Robot, write_fields
+from massid.realisation import write_fields
+from massid.robot import Robot
 from massid.typing import FloatArray
 
 CHUNK_STEPS = 50

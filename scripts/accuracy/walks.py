@@ -16,6 +16,7 @@ from massid.plant import HiddenMasses, MassErrors, motorised, record_walk, senso
 from massid.robot import Robot
 from massid.score import Truth
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 from massid.walking.morphology import torque_limits
 
 COM_ERROR_M = 0.03
@@ -63,7 +64,7 @@ def prepare(case: Case, logs: Path, recorded_s: float) -> Given:
         clean=clean,
         noisy=sensors_of(clean, case.preset, case.seed).measure(clean),
         robot=robot,
-        space=robot.mass_space(robot.walking_links()),
+        space=mass_space(robot, robot.walking_links()),
         true_kg=Truth.load(truth_path(path)).mass_kg,
     )
 

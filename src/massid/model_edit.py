@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -15,6 +15,8 @@ SOLVER_ITERATIONS = 100
 SOLVER_TOLERANCE = 1e-14
 LINE_SEARCH_ITERATIONS = 50
 """The engine's constraint solver must not add its own error; models shipped for games stop it after 3 iterations."""
+WRENCH_SITE_PREFIX = "massid_wrench/"
+"""Of the sites that measured wrenches act at."""
 
 
 def no_single_base(model: mujoco.MjModel, free: IntArray) -> str:
@@ -28,6 +30,31 @@ def no_single_base(model: mujoco.MjModel, free: IntArray) -> str:
         return text
     heaviest = max(roots, key=lambda b: float(model.body_subtreemass[b]))
     return f"{text} Add <freejoint/> to body '{model.body(heaviest).name}'."
+
+
+def identification_spec(spec: mujoco.MjSpec, contact_bodies: Sequence[str]) -> mujoco.MjSpec:
+    """Return a copy of a spec that is driven by generalised forces and by six motors at each contact body's origin.
+
+    Args:
+        spec: as loaded.
+        contact_bodies: bodies of it; controls are ordered like them.
+    """
+    spec = spec.copy()
+    keep_actuator_dynamics(spec)
+    for group in (spec.keys, spec.actuators, spec.sensors, spec.tuples):
+        for element in list(group):
+            spec.delete(element)
+    for body_name in contact_bodies:
+        site = spec.body(body_name).add_site(name=f"{WRENCH_SITE_PREFIX}{body_name}")
+        for axis in range(6):
+            gear = np.zeros(6)
+            gear[axis] = 1.0
+            motor = spec.add_actuator(
+                name=f"{site.name}/{axis}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site.name, gear=gear
+            )
+            make_plain_motor(motor)
+    set_options(spec.option)
+    return spec
 
 
 def make_plain_motor(motor: Any) -> None:

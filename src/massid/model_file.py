@@ -1,7 +1,8 @@
-"""Model files: saving a robot into another folder so that it loads there."""
+"""Model files: saving a robot into another folder so that it loads there, and recognising a file."""
 
 from __future__ import annotations
 
+import hashlib
 import os
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
@@ -73,3 +74,8 @@ def _text(spec: mujoco.MjSpec, folder: Path) -> str:
 def one_line(error: Exception) -> str:
     """Text of an error on one line."""
     return " ".join(str(error).split())
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a model file, to recognise it in a log's metadata."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,105 +1,30 @@
-"""A floating-base robot from MJCF: names, identification model, and the only writer of parameters into a model."""
+"""A floating-base robot from MJCF: its names and masses, its identification model, and what is made of a log for it."""
 
 from __future__ import annotations
 
 import difflib
-import hashlib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
-from massid.bodies import (
-    body_fields,
-    centre_parameters,
-    inertia_parameters,
-    inertia_slopes,
-    parse_payload,
-    payload_parameter,
-    unknown_bodies,
-)
+from massid.bodies import body_fields, inertia_slopes, unknown_bodies
 from massid.errors import LogError, ModelError, unknown_name
-from massid.joints import FIELDS, joint_fields, passive_parameter
+from massid.joints import joint_fields
 from massid.kinematics import wrenches_in_bodies
+from massid.layout import JointLayout
 from massid.log.walk import Walk
-from massid.model_edit import keep_actuator_dynamics, make_plain_motor, no_single_base, set_options, without_joints
+from massid.model_edit import identification_spec, no_single_base, without_joints
 from massid.model_file import one_line, save_model
 from massid.parameters import Kind, Parameter, ParameterSpace
-from massid.typing import FloatArray, IntArray
+from massid.realisation import Realisation, SensorErrors, write_fields, write_spec
+from massid.typing import FloatArray
 
 WALKING_LINKS = ("torso", "l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot")
 """The links whose masses matter most to walking: what Section V-D identifies."""
-WRENCH_SITE_PREFIX = "massid_wrench/"
-
-
-@dataclass(frozen=True)
-class SensorErrors:
-    """Slow errors of N models' sensors: reading = (1 + gain) quantity + offset; every leading axis is N.
-
-    Attributes:
-        effort_offset: shape (N, n_joints) [N m].
-        effort_gain: shape (N, n_joints).
-        wrench_offset: shape (N, 6 n_contacts) [N, N m].
-        wrench_gain: shape (N, 6 n_contacts).
-        encoder_offset: shape (N, n_joints) [rad].
-    """
-
-    effort_offset: FloatArray
-    effort_gain: FloatArray
-    wrench_offset: FloatArray
-    wrench_gain: FloatArray
-    encoder_offset: FloatArray
-
-    @classmethod
-    def none(cls, n: int, n_joints: int, n_contacts: int) -> SensorErrors:
-        """Perfect sensors."""
-        per_joint, per_axis = (n, n_joints), (n, 6 * n_contacts)
-        return cls(
-            np.zeros(per_joint), np.zeros(per_joint), np.zeros(per_axis), np.zeros(per_axis), np.zeros(per_joint)
-        )
-
-
-@dataclass(frozen=True)
-class Realisation:
-    """What N parameter vectors mean for N identification models; every leading axis is N.
-
-    Attributes:
-        model_fields: MjModel field name -> values, shape (N, *field shape).
-        sensors: what the sensors do wrong; None for nothing.
-        inertia_slopes: derivative of its body's pseudo-inertia by each parameter, at the first of the models and in the
-            frame of the body, shape (n_p, 4, 4).
-    """
-
-    model_fields: Mapping[str, FloatArray]
-    sensors: SensorErrors | None
-    inertia_slopes: FloatArray
-
-
-@dataclass(frozen=True)
-class JointLayout:
-    """Where the free joint and the one-axis joints stand in the model's qpos and qvel."""
-
-    root_qpos: int
-    root_dof: int
-    joint_qpos: IntArray
-    joint_dof: IntArray
-
-    def to_qpos(self, columns: FloatArray) -> FloatArray:
-        """Reorder walk columns [base pose, joints] into the model's qpos, shape (..., nq)."""
-        qpos = np.empty_like(columns)
-        qpos[..., self.root_qpos : self.root_qpos + 7] = columns[..., :7]
-        qpos[..., self.joint_qpos] = columns[..., 7:]
-        return qpos
-
-    def to_qvel(self, columns: FloatArray) -> FloatArray:
-        """Reorder walk columns [base twist, joints] into the model's qvel, shape (..., nv)."""
-        qvel = np.empty_like(columns)
-        qvel[..., self.root_dof : self.root_dof + 6] = columns[..., :6]
-        qvel[..., self.joint_dof] = columns[..., 6:]
-        return qvel
 
 
 class Robot:
@@ -195,7 +120,7 @@ class Robot:
         if link in bodies:
             why = "does not move" if self.model.body(link).mass[0] > 0 else "has no mass"
             raise ModelError(
-                f"Body '{link}' of {self.source} {why}.{self._nearest(link)} "
+                f"Body '{link}' of {self.source} {why}.{self.suggestion(link)} "
                 f"Links with a mass: {', '.join(self.links)}."
             )
         raise ModelError(unknown_name("link", link, self.links, self.source))
@@ -206,8 +131,8 @@ class Robot:
         moving = int(self.model.body_weldid[body])
         return None if moving == body else str(self.model.body(moving).name)
 
-    def _nearest(self, link: str) -> str:
-        """Point at the links that come closest: by name, and up the tree."""
+    def suggestion(self, link: str) -> str:
+        """A question that names the links which come closest, by name and up the tree; "" for none."""
         own = [name for name in self.links if self.welded_to(name) is None]
         near = difflib.get_close_matches(link, own, n=2, cutoff=0.5)
         body = self.model.body(link).id
@@ -217,88 +142,6 @@ class Robot:
                 near.append(self.model.body(body).name)
                 break
         return f" Did you mean {', '.join(dict.fromkeys(near))}?" if near else ""
-
-    def mass_space(self, links: Iterable[str], *, welded_too: bool = False) -> ParameterSpace:
-        """Span the masses of the named links, each within the default Theta.
-
-        Args:
-            links: names of bodies.
-            welded_too: also take bodies without a joint of their own, which a log can hardly tell from their parent.
-
-        Raises:
-            ModelError: a name is not a link with a mass, or moves with another body.
-            BadInputError: no links, or a link named twice.
-        """
-        links = tuple(links)
-        for link in links:
-            self._check_link(link, welded_too)
-        return ParameterSpace(tuple(Parameter.mass(link, self.nominal_mass_kg(link)) for link in links))
-
-    def parameter_space(
-        self,
-        links: Iterable[str],
-        *,
-        com: Iterable[str] = (),
-        inertia: Iterable[str] = (),
-        payload: Iterable[str] = (),
-        friction: Iterable[str] = (),
-        damping: Iterable[str] = (),
-    ) -> ParameterSpace:
-        """Span masses, and what else is unknown of the robot's bodies and joints.
-
-        Args:
-            links: whose mass is unknown.
-            com: links whose centre of mass is unknown.
-            inertia: links whose rotational inertia is unknown beyond its scaling with the mass.
-            payload: point masses of unknown size, BODY or BODY@X,Y,Z in the frame of the body [m].
-            friction: joints whose friction loss is unknown.
-            damping: joints whose viscous damping is unknown.
-
-        Raises:
-            ModelError: a name is not a link with a mass, or moves with another body; a payload on what does not move;
-                an inertia without thickness; no such joint, or actuators that damp joints, too.
-            BadInputError: no links, something named twice, or a point that is not three numbers.
-        """
-        parameters = list(self.mass_space(links).parameters)
-        for group, make in ((com, centre_parameters), (inertia, inertia_parameters)):
-            for link in group:
-                self._check_link(link)
-                parameters += make(self.model, link)
-        for text in payload:
-            self._check_carrier(parse_payload(text)[0])
-            parameters.append(payload_parameter(self.model, text, self.total_mass_kg))
-        weight_n = self.total_mass_kg * float(np.linalg.norm(self.model.opt.gravity))
-        for kind, joints in ((Kind.FRICTION, friction), (Kind.DAMPING, damping)):
-            for joint in joints:
-                self._check_joint(joint)
-                parameters.append(passive_parameter(self.model, kind, joint, weight_n))
-        return ParameterSpace(tuple(parameters))
-
-    def _check_link(self, link: str, welded_too: bool = False) -> None:
-        """Refuse what has no mass of its own or moves with another body."""
-        nominal_kg = self.nominal_mass_kg(link)
-        other = self.welded_to(link)
-        if other is not None and not welded_too:
-            raise ModelError(
-                f"Body '{link}' of {self.source} ({nominal_kg:.3g} kg) moves with '{other}': there is no joint "
-                f"between them, so weigh '{other}'.{self._nearest(link)}"
-            )
-
-    def _check_joint(self, joint: str) -> None:
-        """Refuse what is no joint, and dampers that are not the joints' own."""
-        if joint not in self.joint_names:
-            raise ModelError(unknown_name("joint", joint, self.joint_names, self.source))
-        if not np.array_equal(self.identification_model(()).dof_damping, self.model.dof_damping):
-            raise ModelError(
-                f"{self.source}: actuators damp joints, too; give that damping to the joints to have it identified."
-            )
-
-    def _check_carrier(self, name: str) -> None:
-        """Refuse bodies that carry nothing through a walk."""
-        model = self.model
-        moving = [model.body(b).name for b in range(1, model.nbody) if model.body_dofnum[model.body_weldid[b]] > 0]
-        if name not in moving:
-            raise ModelError(unknown_name("moving body", name, moving, self.source))
 
     def realise(self, space: ParameterSpace, points: FloatArray, contact_bodies: Sequence[str] = ()) -> Realisation:
         """Translate parameter vectors into model fields and sensor errors.
@@ -350,25 +193,11 @@ class Robot:
         Raises:
             ModelError: a contact body is not in the model.
         """
-        spec = self.spec.copy()
-        keep_actuator_dynamics(spec)
-        for group in (spec.keys, spec.actuators, spec.sensors, spec.tuples):
-            for element in list(group):
-                spec.delete(element)
-        for body_name in contact_bodies:
-            body = spec.body(body_name)
-            if body is None:
-                bodies = (self.model.body(b).name for b in range(1, self.model.nbody))
-                raise ModelError(unknown_name("contact body", body_name, bodies, self.source))
-            site = body.add_site(name=f"{WRENCH_SITE_PREFIX}{body_name}")
-            for axis in range(6):
-                gear = np.zeros(6)
-                gear[axis] = 1.0
-                motor = spec.add_actuator(
-                    name=f"{site.name}/{axis}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site.name, gear=gear
-                )
-                make_plain_motor(motor)
-        set_options(spec.option)
+        bodies = [self.model.body(b).name for b in range(1, self.model.nbody)]
+        for name in contact_bodies:
+            if name not in bodies:
+                raise ModelError(unknown_name("contact body", name, bodies, self.source))
+        spec = identification_spec(self.spec, contact_bodies)
         try:
             return spec.compile()
         except ValueError as error:
@@ -439,43 +268,5 @@ class Robot:
         """
         spec = self.spec.copy()
         fields = self.realise(space, point).model_fields
-        compiler = spec.compiler
-        rescaled = compiler.settotalmass > 0 or compiler.boundmass > 0 or compiler.boundinertia > 0
-        if rescaled or compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
-            targets = list(range(1, self.model.nbody))
-            compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
-            compiler.settotalmass, compiler.boundmass, compiler.boundinertia = -1.0, 0.0, 0.0
-        else:
-            targets = [self.model.body(p.body).id for p in space.parameters if p.is_inertial]
-        ipos = fields.get("body_ipos", self.model.body_ipos[None])
-        iquat = fields.get("body_iquat", self.model.body_iquat[None])
-        for body_id in targets:
-            name = self.model.body(body_id).name
-            body = spec.body(name) if name else spec.bodies[body_id]
-            body.explicitinertial = True
-            body.mass = float(fields["body_mass"][0, body_id])
-            body.ipos = ipos[0, body_id]
-            body.iquat = iquat[0, body_id]
-            body.inertia = fields["body_inertia"][0, body_id]
-            body.fullinertia = np.full(6, np.nan)
-        for parameter in space.parameters:
-            if parameter.is_passive:
-                joint = spec.joint(parameter.target)
-                value = float(fields[FIELDS[parameter.kind]][0, self.model.joint(parameter.target).dofadr[0]])
-                if parameter.kind is Kind.FRICTION:
-                    joint.frictionloss = value
-                else:
-                    joint.damping = np.eye(len(joint.damping))[0] * value
+        write_spec(spec, self.model, space, fields)
         save_model(spec, path, fields["body_mass"][0], remark)
-
-
-def write_fields(model: mujoco.MjModel, realisation: Realisation, index: int = 0) -> None:
-    """Write one row of a realisation into a compiled model and refresh what the engine derives from it."""
-    for name, values in realisation.model_fields.items():
-        getattr(model, name)[:] = values[index]
-    mujoco.mj_setConst(model, mujoco.MjData(model))
-
-
-def file_sha256(path: Path) -> str:
-    """SHA-256 of a model file, to recognise it in a log's metadata."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -18,6 +18,7 @@ from massid.log import Segment, Walk
 from massid.log.conventions import to_body
 from massid.noise import PRESETS, Sensors
 from massid.robot import Robot
+from massid.unknowns import mass_space
 from tests.conftest import Pushed
 from tests.pushed_robot import XML, draw_truth, make_robot, push_about
 
@@ -25,7 +26,7 @@ from tests.pushed_robot import XML, draw_truth, make_robot, push_about
 @pytest.fixture(scope="module")
 def log() -> Pushed:
     robot = make_robot()
-    space = robot.mass_space(("torso", "l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot"))
+    space = mass_space(robot, ("torso", "l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot"))
     truth = draw_truth(space, seed=3)
     return Pushed(robot, space, truth, push_about(robot, space, truth, seconds=2.0, amplitude=0.15))
 
@@ -213,12 +214,12 @@ def test_a_servo_under_an_implicit_integrator_is_named() -> None:
     for actuator in spec.actuators:
         actuator.set_to_position(kp=600.0, kv=60.0)
     servo = Robot(spec)
-    space = servo.mass_space(["torso"])
+    space = mass_space(servo, ["torso"])
     floor = spec.copy()
     floor.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1], contype=1, conaffinity=0)
     model = floor.compile()
     data = mujoco.MjData(model)
-    torque_free = push_about(make_robot(), make_robot().mass_space(["torso"]), space.nominal, seconds=1.0)
+    torque_free = push_about(make_robot(), mass_space(make_robot(), ["torso"]), space.nominal, seconds=1.0)
     rows = {"qpos": [], "qvel": [], "effort": []}
     for k in range(1000):
         for actuator in range(model.nu):

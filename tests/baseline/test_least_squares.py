@@ -10,6 +10,7 @@ from massid.errors import BadInputError
 from massid.log.walk import Segment, Walk
 from massid.noise import PRESETS, SensorNoise, Sensors
 from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.unknowns import mass_space
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about
 
@@ -35,7 +36,7 @@ def test_a_gap_costs_nothing_but_its_samples(pushed: Pushed) -> None:
 
 def test_friction_of_the_model_is_accounted_for() -> None:
     robot = make_robot(friction_loss=1.0)
-    space = robot.mass_space(LINKS)
+    space = mass_space(robot, LINKS)
     truth = draw_truth(space, seed=1)
     walk = push_about(robot, space, truth, seconds=0.5)
     errors = [np.abs(fit_masses(walk, model, space, None).estimate - truth).max() for model in (robot, make_robot())]

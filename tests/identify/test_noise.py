@@ -15,6 +15,7 @@ from massid.observer.replay import replay_block
 from massid.search.monitoring import MonitoringFilter
 from massid.search.proposal import Proposal, Role
 from massid.search.quadratic import LocalQuadratic
+from massid.unknowns import mass_space
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET, LINKS, cut, draw_truth, make_robot, push_about
 
@@ -93,7 +94,7 @@ def test_truth_lies_within_a_few_deviations(identify, pushed: Pushed) -> None:  
 def test_errors_are_as_large_as_the_deviations_say() -> None:
     """Over several noisy logs, squared errors in units of the covariance average to one per parameter."""
     robot = make_robot()
-    space = robot.mass_space(LINKS)
+    space = mass_space(robot, LINKS)
     truth = draw_truth(space, seed=5, relative_error=0.02)
     walk = push_about(robot, space, truth, seconds=0.6, seed=2)
     squares = []
@@ -122,7 +123,7 @@ def test_offsets_are_estimated_beside_the_masses(pushed: Pushed) -> None:
 
 
 def test_links_that_were_not_asked_for_widen_the_intervals(pushed: Pushed) -> None:
-    space = pushed.robot.mass_space(["torso", "l_thigh"])
+    space = mass_space(pushed.robot, ["torso", "l_thigh"])
     walk = _measured(pushed)
     exact = identify_offline(walk, pushed.robot, space, replace(WHITE, passes=3))
     unsure = identify_offline(walk, pushed.robot, space, replace(WHITE, passes=3, other_links=0.1))
@@ -178,7 +179,7 @@ def test_the_expected_score_of_the_true_masses_is_zero_at_wrong_noise_levels(fac
 def test_friction_loss_under_noise_leaves_the_masses_within_their_deviations() -> None:
     """Engines that are shaken by noise would lose friction and find masses that make up for it."""
     robot = make_robot(friction_loss=0.3)
-    space = robot.mass_space(LINKS)
+    space = mass_space(robot, LINKS)
     truth = draw_truth(space, seed=5, relative_error=0.05)
     walk = push_about(robot, space, truth, seconds=1.0, seed=2, amplitude=0.12)
     squares = []

@@ -19,6 +19,7 @@ from massid.parameters import Kind, ParameterSpace
 from massid.robot import Robot
 from massid.search.guided import enough_models
 from massid.typing import FloatArray
+from massid.unknowns import mass_space, parameter_space
 from tests.altered_robot import INERTIA_GAIN, PAYLOAD, PAYLOAD_KG, altered, moments
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
 
@@ -27,7 +28,7 @@ NOMINAL = make_robot()
 
 def _log(true: Robot, seconds: float) -> tuple[Walk, FloatArray]:
     """A log of the true robot with masses 15 % off, and these masses."""
-    masses = true.mass_space(LINKS)
+    masses = mass_space(true, LINKS)
     truth = draw_truth(masses, seed=3)
     return push_about(true, masses, truth, seconds), truth
 
@@ -60,7 +61,7 @@ def _found(result: Result) -> dict[str, float]:
 def test_everything_known_means_zero_response() -> None:
     true = altered(com="torso", inertia="l_thigh", payload="torso")
     walk, masses_kg = _log(true, 0.4)
-    space = NOMINAL.parameter_space(LINKS, com=["torso"], inertia=["l_thigh"], payload=[PAYLOAD])
+    space = parameter_space(NOMINAL, LINKS, com=["torso"], inertia=["l_thigh"], payload=[PAYLOAD])
     bank = RobotBank(NOMINAL, space, walk.contact_bodies, 2)
     bank.place(np.array([_true_point(space, true, masses_kg), space.nominal]))
     block = replay_block(walk, NOMINAL.layout, Segment(0, 400))
@@ -73,7 +74,7 @@ def test_everything_known_means_zero_response() -> None:
 def test_centre_of_mass_and_payload_are_found_beside_the_masses() -> None:
     true = altered(com="torso", payload="torso")
     walk, masses_kg = _log(true, 1.6)
-    space = NOMINAL.parameter_space(LINKS, com=["torso"], payload=[PAYLOAD])
+    space = parameter_space(NOMINAL, LINKS, com=["torso"], payload=[PAYLOAD])
     result = identify_online(walk, NOMINAL, space, _options(space))
     assert result.status is Status.CONVERGED
     np.testing.assert_allclose(result.estimate[: len(LINKS)], masses_kg, atol=1e-6)  # kg
@@ -87,7 +88,7 @@ def test_centre_of_mass_and_payload_are_found_beside_the_masses() -> None:
 def test_inertia_is_found_beside_the_masses() -> None:
     true = altered(inertia="torso")
     walk, masses_kg = _log(true, 0.8)
-    space = NOMINAL.parameter_space(LINKS, inertia=["torso"])
+    space = parameter_space(NOMINAL, LINKS, inertia=["torso"])
     result = identify_offline(walk, NOMINAL, space, _options(space))
     np.testing.assert_allclose(result.estimate[: len(LINKS)], masses_kg, atol=1e-6)  # kg
     expected = moments(true, "torso") * masses_kg[0] / NOMINAL.nominal_mass_kg("torso")
@@ -99,7 +100,7 @@ def test_a_noisy_log_leaves_the_truth_within_its_deviations() -> None:
     true = altered(com="torso", payload="torso")
     walk, masses_kg = _log(true, 1.6)
     measured = Sensors(PRESETS["white"], 8, walk.contact_bodies, np.random.default_rng(0)).measure(walk)
-    space = NOMINAL.parameter_space(LINKS, com=["torso"], payload=[PAYLOAD])
+    space = parameter_space(NOMINAL, LINKS, com=["torso"], payload=[PAYLOAD])
     options = _options(space, noise="white", other_links=0.0, bank_size=24)
     result = identify_offline(measured, NOMINAL, space, options)
     assert result.uncertainty is not None
@@ -112,7 +113,7 @@ def test_a_noisy_log_leaves_the_truth_within_its_deviations() -> None:
 def test_an_inertia_that_nobody_asked_about_does_not_bias_the_masses(seed: int) -> None:
     walk, masses_kg = _log(altered(inertia="torso"), 1.2)
     measured = Sensors(PRESETS["white"], 8, walk.contact_bodies, np.random.default_rng(seed)).measure(walk)
-    space = NOMINAL.mass_space(LINKS)
+    space = mass_space(NOMINAL, LINKS)
     believed, blamed = (
         identify_offline(measured, NOMINAL, space, IdentifyOptions(noise="white", other_links=0.0, link_inertia=width))
         for width in (0.1, 0.0)
@@ -129,13 +130,13 @@ def test_an_inertia_that_nobody_asked_about_does_not_bias_the_masses(seed: int) 
 
 def test_an_inertia_that_is_asked_for_has_no_other_unknown_in_it() -> None:
     walk, _ = _log(NOMINAL, 0.2)
-    space = NOMINAL.parameter_space(["torso", "l_calf"], inertia=["torso"])
+    space = parameter_space(NOMINAL, ["torso", "l_calf"], inertia=["torso"])
     unknown = nuisances(NOMINAL, walk, space, PRESETS["white"], IdentifyOptions())
     assert [parameter.target for parameter in unknown if parameter.kind is Kind.INERTIA_SCALE] == ["l_calf"]
 
 
 def test_the_saved_model_has_what_was_found(tmp_path: Path) -> None:
-    space = NOMINAL.parameter_space(["torso"], com=["torso"], inertia=["torso", "l_calf"], payload=[PAYLOAD])
+    space = parameter_space(NOMINAL, ["torso"], com=["torso"], inertia=["torso", "l_calf"], payload=[PAYLOAD])
     point = space.nominal + 0.2 * space.scale * np.random.default_rng(0).uniform(-1.0, 1.0, len(space))
     point[-1] = PAYLOAD_KG
     NOMINAL.write_mjcf(space, point, tmp_path / "saved.xml")
@@ -159,4 +160,4 @@ def test_what_cannot_be_asked_for_is_named(
     unknowns: dict[str, list[str]], error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        NOMINAL.parameter_space(LINKS, **unknowns)
+        parameter_space(NOMINAL, LINKS, **unknowns)

@@ -14,6 +14,7 @@ from massid.identify.verdict import Verdict, foresee
 from massid.log.walk import Walk
 from massid.noise import PRESETS, Sensors
 from massid.robot import Robot
+from massid.unknowns import mass_space
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, fly_about, make_robot, push_about
 
@@ -21,7 +22,7 @@ LEGS = ("l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot")
 
 
 def _verdict(walk: Walk, robot: Robot, noise: str = "auto") -> Verdict:
-    return foresee(walk, robot, robot.mass_space(LINKS), IdentifyOptions(noise=noise))  # type: ignore[arg-type]
+    return foresee(walk, robot, mass_space(robot, LINKS), IdentifyOptions(noise=noise))  # type: ignore[arg-type]
 
 
 def _measured(walk: Walk, preset: str) -> Walk:
@@ -32,7 +33,7 @@ def _measured(walk: Walk, preset: str) -> Walk:
 @pytest.fixture(scope="module")
 def standing() -> Walk:
     robot = make_robot()
-    space = robot.mass_space(LINKS)
+    space = mass_space(robot, LINKS)
     return push_about(robot, space, space.nominal, seconds=1.2, amplitude=0.0)
 
 
@@ -51,7 +52,7 @@ def test_a_standing_robot_reveals_its_weight_but_not_its_limbs(preset: str, stan
 
 def test_a_robot_that_falls_stiffly_reveals_nothing() -> None:
     robot = make_robot()
-    space = robot.mass_space(LINKS)
+    space = mass_space(robot, LINKS)
     walk = fly_about(robot, space, space.nominal, seconds=0.6, amplitude=0.0)
     verdict = _verdict(walk, robot)
     assert verdict.facts.motion is Motion.IN_THE_AIR
@@ -96,7 +97,7 @@ def test_what_is_foreseen_is_what_an_identification_reports(preset: str, pushed:
 
 def test_a_hidden_link_has_no_estimate(standing: Walk) -> None:
     robot = make_robot()
-    space = robot.mass_space(LINKS)
+    space = mass_space(robot, LINKS)
     result = identify_online(standing, robot, space, IdentifyOptions(dwell_s=0.25))
     result = result.judged(_verdict(standing, robot))
     assert result.status is Status.NOT_IDENTIFIABLE

@@ -9,8 +9,10 @@ from massid.observer.bank import RobotBank
 from massid.observer.injection import InertiaShapedInjection, InjectionGains
 from massid.observer.kernels import correct_state, state_difference
 from massid.observer.replay import ReplayBlock, replay_block, split
-from massid.robot import Realisation, Robot, write_fields
+from massid.realisation import Realisation, write_fields
+from massid.robot import Robot
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
 
@@ -19,7 +21,7 @@ from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
 @pytest.mark.parametrize("friction_loss", [0.0, 1.0])
 def test_zero_response_at_the_true_masses(integrator: str, friction_loss: float) -> None:
     robot = make_robot(integrator, friction_loss)
-    space = robot.mass_space(LINKS)
+    space = mass_space(robot, LINKS)
     truth = draw_truth(space, seed=1)
     walk = push_about(robot, space, truth, seconds=1.2)
     bank = RobotBank(robot, space, walk.contact_bodies, n_models=1)

@@ -12,8 +12,10 @@ from massid.noise import PRESETS, Sensors
 from massid.observer.friction import STICKING_S, StickSlip
 from massid.observer.replay import ReplayBlock, replay_block
 from massid.observer.spans import Spans
-from massid.robot import Robot, write_fields
+from massid.realisation import write_fields
+from massid.robot import Robot
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about
 
 LOSS_NM = 1.0
@@ -41,7 +43,7 @@ class Rubbing:
 @pytest.fixture(scope="module")
 def rubbing() -> Rubbing:
     robot = make_robot(friction_loss=LOSS_NM)
-    space = robot.mass_space(LINKS)
+    space = mass_space(robot, LINKS)
     truth = draw_truth(space, seed=4)
     walk = push_about(robot, space, truth, seconds=1.0, amplitude=0.15)
     noisy = Sensors(WHITE, 8, FEET, np.random.default_rng(0)).measure(walk)

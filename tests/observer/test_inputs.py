@@ -15,6 +15,7 @@ from massid.observer.inputs import BelievedBlock, InputBelief, Motion
 from massid.observer.replay import ReplayBlock, replay_block
 from massid.observer.spans import Spans
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 from tests.pushed_robot import FEET, LINKS, make_robot, push_about
 
 NOISE = PRESETS["white"]
@@ -27,7 +28,7 @@ GAP, REACH = SPANS.gap, SPANS.reach
 @pytest.fixture(scope="module")
 def walk() -> Walk:
     """A noisy log with friction, of which one foot leaves the ground twice."""
-    space = ROBOT.mass_space(LINKS)
+    space = mass_space(ROBOT, LINKS)
     clean = push_about(ROBOT, space, space.nominal, seconds=0.8, amplitude=0.15)
     wrench = clean.wrench.copy()
     wrench[150:300, 0] = wrench[420:560, 0] = 0.0

@@ -7,15 +7,17 @@ import numpy as np
 
 from massid.log import Segment, Walk
 from massid.observer.replay import replay_block
-from massid.robot import Robot, write_fields
+from massid.realisation import write_fields
+from massid.robot import Robot
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 
 
 def velocity_errors(walk: Walk, robot: Robot, masses_kg: Mapping[str, float]) -> FloatArray:
     """Largest velocity error of each single step from the logged state [rad/s, m/s], shape (n - 1,)."""
     walk = robot.align(walk)
     model = robot.identification_model(walk.contact_bodies)
-    space = robot.mass_space(masses_kg, welded_too=True)
+    space = mass_space(robot, masses_kg, welded_too=True)
     write_fields(model, robot.realise(space, np.array(list(masses_kg.values()))))
     data = mujoco.MjData(model)
     block = replay_block(walk, robot.layout, Segment(0, len(walk)))

@@ -4,6 +4,7 @@ import pytest
 from massid.errors import BadInputError, ModelError
 from massid.plant import HiddenMasses, MassErrors, default_links
 from massid.robot import WALKING_LINKS, Robot
+from massid.unknowns import mass_space
 from tests.plant.worlds import crab
 
 
@@ -13,7 +14,7 @@ def test_drawn_errors_have_the_norm_and_stay_in_theta(atlas: Robot, norm_kg: flo
     hidden = MassErrors(norm_kg=norm_kg).draw(atlas, np.random.default_rng(seed))
     assert tuple(hidden.error_kg) == WALKING_LINKS
     assert hidden.norm_kg == pytest.approx(norm_kg, rel=1e-12, abs=1e-15)  # rounding of a sum of squares
-    space = atlas.mass_space(hidden.error_kg)
+    space = mass_space(atlas, hidden.error_kg)
     true = np.array([hidden.true_kg(atlas)[link] for link in hidden.error_kg])
     assert space.contains(true)
 

@@ -19,7 +19,8 @@ from massid.errors import BadInputError
 from massid.log.walk import Walk
 from massid.noise import SensorNoise
 from massid.parameters import Kind, Parameter, ParameterSpace
-from massid.robot import Robot, write_fields
+from massid.realisation import write_fields
+from massid.robot import Robot
 from massid.typing import BoolArray, FloatArray
 
 STATE_STEP = 1e-6

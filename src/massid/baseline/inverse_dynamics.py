@@ -15,7 +15,8 @@ import numpy as np
 from massid.baseline.motion import Motion
 from massid.errors import BadInputError
 from massid.parameters import Kind, Parameter, ParameterSpace
-from massid.robot import Robot, write_fields
+from massid.realisation import write_fields
+from massid.robot import Robot
 from massid.typing import FloatArray
 
 MASS_STEP = 0.1

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from massid.errors import BadInputError
+from massid.layout import JointLayout
 from massid.log.walk import Segment, Walk
-from massid.robot import JointLayout
 from massid.typing import FloatArray
 
 FILTER_ORDER = 2

@@ -17,6 +17,7 @@ from massid.identify.result import Status
 from massid.log.walk import Walk
 from massid.robot import Robot
 from massid.search.guided import enough_models
+from massid.unknowns import parameter_space
 
 if TYPE_CHECKING:
     from massid.audit import Audit
@@ -98,7 +99,8 @@ class Identify:
         known = [warning for walk in walks for warning in walk.warnings]
         for warning in known:
             warn(warning)
-        space = robot.parameter_space(
+        space = parameter_space(
+            robot,
             self._links(robot),
             com=_names(self.com),
             inertia=_names(self.inertia),

@@ -11,6 +11,7 @@ import tyro
 from massid.assets import find_model_by_hash, resolve_model
 from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics
 from massid.errors import BadInputError
+from massid.unknowns import mass_space
 
 if TYPE_CHECKING:
     from massid.audit import Audit, Prepared
@@ -124,7 +125,7 @@ class Inspect:
             links = tuple(link for link in robot.links if robot.welded_to(link) is None)
         with progress_bar("judging") as progress:
             options = options_for(IdentifyOptions(), [prepared.audit])
-            verdict = foresee(walk, robot, robot.mass_space(links), options, progress)
+            verdict = foresee(walk, robot, mass_space(robot, links), options, progress)
         rows = [
             (link, f"{nominal:.3f}", f"{std:.2g}", "identifiable" if seen else "not identifiable")
             for link, nominal, std, seen in zip(

@@ -13,7 +13,8 @@ from massid.observer.inputs import BelievedBlock
 from massid.observer.kernels import correct_state, state_difference
 from massid.observer.replay import ReplayBlock
 from massid.parameters import ParameterSpace
-from massid.robot import Robot, SensorErrors
+from massid.realisation import SensorErrors
+from massid.robot import Robot
 from massid.search.bank import OutputErrors
 from massid.typing import FloatArray, IntArray
 

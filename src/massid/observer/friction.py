@@ -15,9 +15,10 @@ import mujoco
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from massid.layout import JointLayout
 from massid.noise import SensorNoise
 from massid.observer.spans import Spans
-from massid.robot import JointLayout, Realisation, write_fields
+from massid.realisation import Realisation, write_fields
 from massid.typing import FloatArray
 
 STICKING_S = 0.2

@@ -15,7 +15,7 @@ import numpy as np
 
 from massid.observer.inputs import BelievedBlock
 from massid.observer.replay import ReplayBlock
-from massid.robot import Realisation
+from massid.realisation import Realisation
 from massid.typing import FloatArray
 
 

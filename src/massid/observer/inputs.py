@@ -16,12 +16,13 @@ import mujoco
 import numpy as np
 from scipy.ndimage import correlate1d
 
+from massid.layout import JointLayout
 from massid.noise import SensorNoise
 from massid.observer.contact_gate import is_unloaded
 from massid.observer.friction import StickSlip
 from massid.observer.replay import ReplayBlock
 from massid.observer.spans import Spans
-from massid.robot import JointLayout, Realisation
+from massid.realisation import Realisation
 from massid.typing import FloatArray
 
 

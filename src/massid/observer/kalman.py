@@ -17,13 +17,14 @@ import numpy as np
 from scipy.linalg import lapack
 
 from massid.errors import BadInputError
+from massid.layout import JointLayout
 from massid.noise import SensorNoise
 from massid.observer.injection import InjectionGains
 from massid.observer.inputs import BelievedBlock, InputBelief
 from massid.observer.linearisation import Lineariser, StepLinearisation
 from massid.observer.replay import ReplayBlock
 from massid.observer.tangents import TangentFilter
-from massid.robot import JointLayout, Realisation
+from massid.realisation import Realisation
 from massid.typing import FloatArray
 
 

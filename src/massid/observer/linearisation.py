@@ -9,9 +9,10 @@ import numpy as np
 from numba import njit
 
 from massid.inertia import spatial_inertia
+from massid.layout import JointLayout
 from massid.observer.inputs import BelievedBlock
 from massid.observer.replay import ReplayBlock
-from massid.robot import JointLayout, Realisation, write_fields
+from massid.realisation import Realisation, write_fields
 from massid.typing import FloatArray, IntArray
 
 FINITE_DIFFERENCE = 1e-6

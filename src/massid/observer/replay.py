@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massid.layout import JointLayout
 from massid.log.walk import Sample, Segment, Walk
-from massid.robot import JointLayout
 from massid.typing import FloatArray
 
 

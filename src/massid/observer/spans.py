@@ -11,7 +11,7 @@ from dataclasses import dataclass
 GAP_S, REACH_S = 0.005, 0.02
 """The motion at a sample is estimated from those more than a gap and at most a reach before and after it [s]."""
 HALF_WIDTH_S = 0.007
-"""A reading of a force, or a velocity that friction depends on, is averaged with those so near before and after it [s]."""
+"""Forces that tell load, and velocities that tell friction, are averaged over so much before and after them [s]."""
 SETTLING_S = 0.02
 """Time after the last load before a foot counts as unloaded [s]: it may be rolling off the ground, hardly loaded."""
 LEAST_NEIGHBOURS = 3

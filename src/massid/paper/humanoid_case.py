@@ -22,6 +22,7 @@ from massid.score import Truth, score
 from massid.search.directions import DirectionName
 from massid.search.guided import SearchOptions
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 
 THRESHOLD_KG = 0.5
 
@@ -93,7 +94,7 @@ def run_humanoid_case(
     walk, truth = read_walk(log), Truth.load(truth_path(log))
     robot = Robot.load(resolve_model(robot_name))
     links = tuple(robot.walking_links())
-    space = robot.mass_space(links)
+    space = mass_space(robot, links)
     options = IdentifyOptions(seed=seed)
     initial = float(np.linalg.norm([truth.mass_kg[link] - robot.nominal_mass_kg(link) for link in links]))
     errors = {}

@@ -18,6 +18,7 @@ from massid.paper.setting import Progress, silent
 from massid.plant import PlantOptions, WalkerAgent, make_environment, motorised, record
 from massid.robot import Robot
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 from massid.walking import Walker, find_gait
 
 LINK = "torso"
@@ -66,7 +67,7 @@ class FillingAgent:
         rate_kg_s: float,
     ) -> None:
         self._agent, self._environment, self._robot = agent, environment, robot
-        self._space = robot.mass_space([link])
+        self._space = mass_space(robot, [link])
         self._rate_kg_s = rate_kg_s
 
     def __call__(self, timestep: dm_env.TimeStep) -> FloatArray:
@@ -118,7 +119,7 @@ def run_walk_drift(robot: Robot, folder: Path, seed: int = 0, progress: Progress
     record_filling(robot, log, seed, lambda fraction, what: progress(0.7 * fraction, what))
     walk = read_walk(log)
     links = robot.walking_links()
-    space, options = robot.mass_space(links), IdentifyOptions(seed=seed)
+    space, options = mass_space(robot, links), IdentifyOptions(seed=seed)
     progress(0.7, "drift, online")
     online = identify_online(walk, robot, space, options)
     progress(0.9, "drift, offline")

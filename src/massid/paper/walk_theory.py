@@ -22,6 +22,7 @@ from massid.paper.recorded import Check, Recorded, growth_of_mu, offline_rate, o
 from massid.paper.setting import Progress, silent
 from massid.robot import Robot
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 
 Windows: TypeAlias = Recorded[ReplayBlock]
 
@@ -61,7 +62,7 @@ class WalkTheory:
     def windows(self, dwell_s: float = DWELL_S, seconds: float = WINDOW_S, walk: Walk | None = None) -> Windows:
         """Cut the first seconds of the walk, or of another one of the same robot, into windows."""
         walk = self.walk if walk is None else walk
-        space = self.robot.mass_space(self.links)
+        space = mass_space(self.robot, self.links)
         count = int(seconds / dwell_s + 1e-9)
         blocks = [replay_block(walk, self.robot.layout, window) for window in walk.windows(dwell_s)]
         options = IdentifyOptions()
@@ -277,7 +278,7 @@ class WalkTheory:
 
     @property
     def _initial_kg(self) -> float:
-        return float(np.linalg.norm(self.robot.mass_space(self.links).nominal - self.truth_kg))
+        return float(np.linalg.norm(mass_space(self.robot, self.links).nominal - self.truth_kg))
 
     def _offline(self) -> Windows:
         windows = self.windows()

@@ -12,6 +12,7 @@ from massid.errors import BadInputError
 from massid.parameters import ParameterSpace
 from massid.robot import WALKING_LINKS, Robot
 from massid.typing import FloatArray
+from massid.unknowns import mass_space
 
 PAPER_ROBOT, PAPER_NORM_KG = "atlas", 6.0
 """The paper's full-scale humanoid and its initial error; other robots get a quarter of the norm of their masses."""
@@ -69,7 +70,7 @@ class HiddenMasses:
         return robot.model_at(space, np.array([masses[parameter.target] for parameter in space.parameters]))
 
     def _space(self, robot: Robot) -> ParameterSpace:
-        return robot.mass_space(self.error_kg, welded_too=True)
+        return mass_space(robot, self.error_kg, welded_too=True)
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class MassErrors:
             ModelError: a name is not a link with a mass.
             BadInputError: the norm is negative, or larger than Theta allows.
         """
-        space = robot.mass_space(self.links or default_links(robot), welded_too=True)
+        space = mass_space(robot, self.links or default_links(robot), welded_too=True)
         norm_kg = default_norm_kg(robot, space) if self.norm_kg is None else self.norm_kg
         if not norm_kg >= 0.0:
             raise BadInputError(f"The norm of the mass errors is {norm_kg} kg; it must not be negative.")

@@ -10,6 +10,7 @@ from typing import Any
 import dm_env
 import numpy as np
 
+from massid.model_file import file_sha256
 from massid.noise import NoisePreset
 from massid.plant.corruption import check_noise, corrupt_log
 from massid.plant.embodiment import motorised
@@ -17,7 +18,7 @@ from massid.plant.environment import PlantOptions, make_environment
 from massid.plant.masses import HiddenMasses, MassErrors
 from massid.plant.recorder import Progress, record
 from massid.plant.truth import truth_path, write_truth
-from massid.robot import Robot, file_sha256
+from massid.robot import Robot
 from massid.typing import FloatArray
 from massid.walking import Gait, Walker, find_gait
 
