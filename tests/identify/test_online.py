@@ -11,6 +11,8 @@ from massid.identify import IdentifyOptions
 from massid.identify.online import OnlineIdentifier
 from massid.log.walk import Walk
 from massid.noise import PRESETS, Sensors
+from massid.observer.bank import RobotBank
+from massid.observer.replay import ReplayBlock
 from massid.parameters import ParameterSpace
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET, cut
@@ -31,12 +33,11 @@ def _stream(walk: Walk, pushed: Pushed, space: ParameterSpace | None = None, ban
 def test_the_last_window_of_a_stream_is_used_although_nothing_follows_it(pushed: Pushed) -> None:
     walk = cut(_measured(pushed.walk), slice(500, 701))
     identifier = _stream(walk, pushed, bank_size=8)
-    pushed_windows = [window for window in map(identifier.push, walk.samples()) if window is not None]
-    last = identifier.finish()
+    pushed_windows = [window for sample in walk.samples() for window in identifier.push(sample)]
+    (last,) = identifier.finish()
     assert [window.index for window in pushed_windows] == [0]
-    assert last is not None
     assert (last.index, last.time_s) == (1, pytest.approx(0.2))
-    assert identifier.finish() is None
+    assert not identifier.finish()
     np.testing.assert_array_equal(identifier.estimate, last.estimate)
 
 
@@ -47,19 +48,57 @@ def test_samples_after_an_early_end_go_on_as_if_there_had_been_none(pushed: Push
         one.push(sample)
         other.push(sample)
         if k == 130:  # fewer than a block are waiting
-            assert other.finish() is None
+            assert not other.finish()
     assert len(one.result().windows) == 2
     np.testing.assert_allclose(other.estimate, one.estimate, rtol=1e-12)
+
+
+def test_every_window_is_handed_out_once_although_several_end_together(pushed: Pushed) -> None:
+    """Windows of 8 ms: three wait for the 27 ms that bear upon them when a gap, or the end, closes them at once."""
+    measured = _measured(pushed.walk)
+    walk = cut(measured, slice(300, 341), slice(700, 733))
+    options = IdentifyOptions(dwell_s=0.008, other_links=0.0, bank_size=8)
+    identifier = OnlineIdentifier(pushed.robot, pushed.space, FEET, walk.timestep_s, options, NOISE)
+    counts, windows = [], []
+    for sample in walk.samples():
+        closed = identifier.push(sample)
+        counts.append(len(closed))
+        windows += closed
+    windows += identifier.finish()
+    assert max(counts) > 1
+    assert [window.index for window in windows] == list(range(5 + 4))
+    assert [window.index for window in identifier.result().windows] == list(range(5 + 4))
+
+
+def test_a_rough_window_starts_the_next_anew_but_not_as_after_a_gap(
+    pushed: Pushed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Models far away start again at the measurement; the samples before it are still its neighbours."""
+    starts: list[bool] = []
+    restart = RobotBank.restart
+
+    def noticed(self: RobotBank, block: ReplayBlock, *, follows: bool = False) -> None:
+        starts.append(follows)
+        restart(self, block, follows=follows)
+
+    monkeypatch.setattr(RobotBank, "restart", noticed)
+    far = tuple(replace(p, nominal=1.6 * true) for p, true in zip(pushed.space.parameters, pushed.truth, strict=True))
+    walk = cut(_measured(pushed.walk), slice(300, 501), slice(600, 731))
+    identifier = _stream(walk, pushed, ParameterSpace(far), bank_size=12)
+    for sample in walk.samples():
+        identifier.push(sample)
+    assert starts[:2] == [False, True]
+    assert starts.count(False) == 2  # the start, and the gap
 
 
 def test_a_gap_closes_the_window_before_it_and_does_not_reach_into_the_next(pushed: Pushed) -> None:
     measured = _measured(pushed.walk)
     walk = cut(measured, slice(300, 401), slice(700, 871))  # one window; one window and a rest
     identifier = _stream(walk, pushed, bank_size=8)
-    closed = {k: window for k, window in enumerate(map(identifier.push, walk.samples())) if window is not None}
+    closed = {k: window for k, sample in enumerate(walk.samples()) for window in identifier.push(sample)}
     assert min(closed) == 101  # the first sample behind the gap
     assert closed[101].time_s == pytest.approx(0.1)
-    assert identifier.finish() is None
+    assert not identifier.finish()
     result = identifier.result()
     assert [window.index for window in result.windows] == [0, 1]
     assert result.windows[1].time_s == pytest.approx(0.5)

@@ -41,11 +41,13 @@ def assemble(
     timestep_s: float,
     noise: SensorNoise | None,
     options: IdentifyOptions,
+    *,
+    tangents: bool = True,
 ) -> Assembly:
     """Build the bank of identification models that options and noise call for.
 
     Without noise the output injection is inertia-shaped; with noise it is the Kalman gain, and mu is minus twice the
-    logarithm of the likelihood.
+    logarithm of the likelihood. Without `tangents` it computes no derivatives, for who wants output errors alone.
 
     Raises:
         ModelError: a contact body is not in the model.
@@ -59,8 +61,8 @@ def assemble(
         beliefs = InputBelief(model, robot.layout, noise)
         model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
         lineariser = Lineariser(copy.copy(model), robot.layout)
-        tangents = TangentFilter(robot, space.parameters, contact_bodies, lineariser)
-        injection = KalmanInjection(lineariser, robot.layout, noise, beliefs, tangents)
+        columns = TangentFilter(robot, space.parameters, contact_bodies, lineariser) if tangents else None
+        injection = KalmanInjection(lineariser, robot.layout, noise, beliefs, columns)
     bank = RobotBank(
         robot,
         space,

@@ -67,7 +67,7 @@ class OnlineIdentifier:
         self._search = GuidedSearch(space, self.options.bank_size, self.options.search_for(noise), self._rng)
         self._windows: list[WindowResult] = []
         self._converged = False
-        self._is_rough = True
+        self._is_rough = self._starts_anew = True
         self._scatter = ScoreScatter(space.n_sampled)
         self._pushed = 0
         self._log_s = self._earlier_s = 0.0
@@ -138,17 +138,18 @@ class OnlineIdentifier:
         """Whether the search has met its termination condition; further samples change nothing."""
         return self._converged
 
-    def push(self, sample: Sample) -> WindowResult | None:
-        """Take one sample; returns an update whenever a dwell window is complete.
+    def push(self, sample: Sample) -> tuple[WindowResult, ...]:
+        """Take one sample; returns an update for each dwell window that it completes, mostly none.
 
-        A sample that does not follow the one before by one period drops the window that it interrupts.
+        A sample that does not follow the one before by one period drops the window that it interrupts; windows that
+        waited for samples to follow are closed without them, which may be several if they are short.
 
         Raises:
             DivergedBankError: too few models stayed finite in the window that this sample completes.
         """
         if self._converged:
-            return None
-        closed = None
+            return ()
+        closed: tuple[WindowResult, ...] = ()
         if self._first_stamp_ns is None:
             self._first_stamp_ns = sample.stamp_ns
         elif abs((sample.stamp_ns - self._last_stamp_ns) * 1e-9 - self._timestep_s) > 0.5 * self._timestep_s:
@@ -160,20 +161,20 @@ class OnlineIdentifier:
         self._pushed += 1
         self._log_s += self._timestep_s
         self._buffer.append(sample)
-        return self._work(self._buffer.n_steps - self._look_ahead) or closed
+        return closed + self._work(self._buffer.n_steps - self._look_ahead)
 
-    def finish(self) -> WindowResult | None:
-        """Use the last samples of a walk, of which nothing follows; returns an update if they complete a window.
+    def finish(self) -> tuple[WindowResult, ...]:
+        """Use the last samples of a walk, of which nothing follows; returns an update for each window they complete.
 
         Sensor noise makes each sample wait for those that follow it. To be called at the end of a walk; more samples
         may be pushed.
 
         Raises:
-            DivergedBankError: too few models stayed finite in the window that is completed.
+            DivergedBankError: too few models stayed finite in a window that is completed.
         """
-        closed = None
+        closed: tuple[WindowResult, ...] = ()
         while not self._converged and self._buffer.n_steps >= self._due:
-            closed = self._work(self._buffer.n_steps) or closed
+            closed += self._work(self._buffer.n_steps)
         return closed
 
     def result(self, sources: Sequence[str] = ("walk",), warnings: Sequence[str] = ()) -> Result:
@@ -213,22 +214,22 @@ class OnlineIdentifier:
         """Steps that the bank takes at a time, without passing the end of the window."""
         return min(BLOCK_STEPS, self._window_steps - self._steps)
 
-    def _work(self, ready: int) -> WindowResult | None:
+    def _work(self, ready: int) -> tuple[WindowResult, ...]:
         """Advance the bank if enough steps are ready, and close the window if that fills it."""
         if ready < self._due:
-            return None
+            return ()
         with single_threaded():
             self._advance(self._due)
-            return self._close_window() if self._steps == self._window_steps else None
+            return (self._close_window(),) if self._steps == self._window_steps else ()
 
     def _advance(self, n_steps: int) -> None:
         block = self._buffer.block(n_steps)
         if self._steps == 0:
-            if self._is_first or not self._bank.carries_belief:
-                self._bank.restart(block)
+            if self._is_first or self._starts_anew or not self._bank.carries_belief:
+                self._bank.restart(block, follows=not self._is_first)
             else:
                 self._bank.carry_on(self._samples)
-            self._is_first = False
+            self._is_first = self._starts_anew = False
         self._filter.update(self._bank.advance(block))
         self._steps += n_steps
         self._buffer.drop(n_steps)
@@ -250,7 +251,7 @@ class OnlineIdentifier:
             if not self._is_rough and bend <= LARGEST_BEND:
                 self._scatter.add(self._belief, window_quadratic)
             # Too far for the models to start the next window where they would stand there.
-            self._is_first = self._is_rough = bend > LARGEST_BEND
+            self._starts_anew = self._is_rough = bend > LARGEST_BEND
             self._information = self._belief = self._belief + window_quadratic.scaled(1.0 / (1.0 + bend))
             found = posterior(self.space, self._belief, inflation=self._scatter.inflation)
             std = found.std[: self.space.n_sampled]
@@ -315,9 +316,8 @@ def identify_online(
         if log is not first:
             identifier.start_walk(log.space, log.walk.contact_bodies, log.walk.timestep_s, log.noise)
         for sample in log.walk.samples():
-            window = identifier.push(sample)
             pushed += 1
-            if window is not None:
+            for window in identifier.push(sample):
                 progress(pushed / n_samples, f"window {window.index + 1}")
             if identifier.converged:
                 break

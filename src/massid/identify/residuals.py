@@ -64,7 +64,8 @@ def channel_residuals(result: Result, walk: Walk, robot: Robot, options: Identif
     pair = replace(options, bank_size=2)
     look_ahead = Spans.at(walk.timestep_s).look_ahead
     with single_threaded():
-        bank = assemble(robot, space, walk.contact_bodies, walk.timestep_s, result.uncertainty.noise, pair).bank
+        noise = result.uncertainty.noise
+        bank = assemble(robot, space, walk.contact_bodies, walk.timestep_s, noise, pair, tangents=False).bank
         bank.place(np.vstack([point, space.nominal]))
         total, counted = np.zeros((2, 2 * robot.model.nv)), 0
         for part in split(segment, BLOCK_STEPS):

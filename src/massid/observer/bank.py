@@ -80,12 +80,18 @@ class RobotBank:
         self._injection.place(realisation)
         self._sensors = realisation.sensors
 
-    def restart(self, block: ReplayBlock) -> None:
-        """Set every model to the first measured state of the block."""
+    def restart(self, block: ReplayBlock, *, follows: bool = False) -> None:
+        """Set every model to the first measured state of the block.
+
+        Args:
+            block: what comes next.
+            follows: whether it follows the block before without a gap; what was measured there then still tells of the
+                inputs of this one.
+        """
         self._engine.restart(block.qpos[0], block.qvel[0])
         if self._sensors is not None:
             self._engine.qpos[:, self.robot.layout.joint_qpos] -= self._sensors.encoder_offset
-        self._injection.restart()
+        self._injection.restart(follows=follows)
         self._innovation[:] = 0.0
 
     @property

@@ -49,8 +49,8 @@ class OutputInjection(Protocol):
     def place(self, realisation: Realisation) -> None:
         """Take notice of the models' new parameters; the first of them is the centre."""
 
-    def restart(self) -> None:
-        """Forget everything that belongs to the dwell window before."""
+    def restart(self, *, follows: bool) -> None:
+        """Forget what is believed of the state; and, unless the next block follows the last one, what came before."""
 
     def state_shift(self, tangent_changes: FloatArray) -> FloatArray:
         """By how much states would differ, had the tangent parameters been different.
@@ -95,7 +95,7 @@ class InertiaShapedInjection:
     def place(self, realisation: Realisation) -> None:
         """The gain keeps the shape of the nominal model."""
 
-    def restart(self) -> None:
+    def restart(self, *, follows: bool) -> None:
         """Nothing is carried over: the gain depends on the measured position alone."""
 
     def state_shift(self, tangent_changes: FloatArray) -> FloatArray:

@@ -74,11 +74,12 @@ class KalmanInjection:
         self._lineariser.place(realisation)
         self._inputs.place(realisation)
 
-    def restart(self) -> None:
-        """Believe the first measurement, with the noise it has."""
+    def restart(self, *, follows: bool) -> None:
+        """Believe the first measurement, with the noise it has; samples before it tell of its inputs if it follows."""
         self._covariance = np.diag(self._variance)
         self._gain = np.zeros_like(self._covariance)
-        self._inputs.restart()
+        if not follows:
+            self._inputs.restart()
         if self._tangents:
             self._tangents.restart()
 
