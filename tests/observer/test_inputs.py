@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from itertools import pairwise
+from itertools import pairwise, repeat
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from massid.noise import PRESETS, Sensors
 from massid.observer.inputs import BelievedBlock, InputBelief, Motion
 from massid.observer.replay import ReplayBlock, replay_block
 from massid.observer.spans import Spans
+from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.typing import FloatArray
 from massid.unknowns import mass_space
 from tests.pushed_robot import FEET, LINKS, make_robot, push_about
@@ -128,6 +129,42 @@ def test_forces_have_no_part_in_the_acceleration(walk: Walk) -> None:
     one, other = (_believe(each, [0, 400])[0].motion for each in (walk, pushed))
     np.testing.assert_array_equal(one.acceleration, other.acceleration)
     np.testing.assert_array_equal(one.velocity, other.velocity)
+
+
+def test_known_errors_of_the_sensors_leave_no_trace_in_the_motion(walk: Walk) -> None:
+    """A torque that is only an offset would accelerate a light link in the linearisation, and nowhere else."""
+    rng = np.random.default_rng(1)
+    sensors = Sensors(PRESETS["realistic"], 8, FEET, rng)
+    offset, gain = sensors.wrench_offset, sensors.wrench_gain
+    offset[0], gain[0] = 0.0, 1.0  # of the foot that leaves the ground
+    qpos = walk.qpos.copy()
+    qpos[:, 7:] += sensors.joint_position_offset
+    read = replace(
+        walk,
+        qpos=qpos,
+        effort=sensors.effort_gain * walk.effort + sensors.effort_offset,
+        wrench=gain * walk.wrench + offset,
+    )
+    errors = [
+        *zip(repeat(Kind.EFFORT_OFFSET), ROBOT.joint_names, sensors.effort_offset, strict=False),
+        *zip(repeat(Kind.EFFORT_GAIN), ROBOT.joint_names, sensors.effort_gain - 1.0, strict=False),
+        *zip(repeat(Kind.ENCODER_OFFSET), ROBOT.joint_names, sensors.joint_position_offset, strict=False),
+    ]
+    for contact, body in enumerate(FEET):
+        for axis in range(6):
+            errors.append((Kind.WRENCH_OFFSET, f"{body}/{axis}", offset[contact, axis]))
+            errors.append((Kind.WRENCH_GAIN, f"{body}/{axis}", gain[contact, axis] - 1.0))
+    space = ParameterSpace(
+        (Parameter.mass("torso", 20.0), *(Parameter.nuisance(kind, name, 1.0) for kind, name, _ in errors))
+    )
+    point = np.array([[20.0, *(value for *_, value in errors)]])
+    belief = _belief(friction=False)
+    belief.place(ROBOT.realise(space, point, FEET))
+    found, expected = (_believe(one, [0, 799], each)[0] for one, each in ((read, belief), (walk, _belief(False))))
+    for entry in fields(Motion):
+        values = getattr(expected.motion, entry.name)
+        np.testing.assert_allclose(getattr(found.motion, entry.name), values, atol=1e-9 * np.abs(values).max())
+    assert np.abs(found.effort - expected.effort).max() > 0.1  # models take the errors out of the inputs themselves
 
 
 def test_the_wrench_of_an_unloaded_foot_is_zero_and_nothing_else_is_touched(walk: Walk) -> None:

@@ -59,7 +59,7 @@ def test_a_tangent_is_the_derivative_that_a_pair_of_models_shows(
     assert scale > 0.0
     if kind is Kind.INERTIA_SCALE:  # shows in angular accelerations alone, of which an average keeps least
         assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.3)
-    elif sampled.is_inertial or kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN):
+    elif sampled.is_inertial or kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN, Kind.ENCODER_OFFSET):
         # Made of the motion around a sample, so as to share no noise with it: an instrument, not the derivative itself.
         assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.1)
     else:

@@ -78,7 +78,7 @@ def _identify(logs: Sequence[Log], robot: Robot, options: IdentifyOptions, progr
         scores = _score_all(replays, search.ask(), in_use, partial(_report, progress, index, options.passes))
         iteration = search.tell(replace(_total(scores), prior=prior))
         trace.append(replace(WindowResult.from_iteration(iteration, log_s), index=index))
-        left = _decrease_left(iteration)
+        left = _decrease_left(iteration, space.n_sampled)
         settled = iteration.status is SearchStatus.CONVERGED or (noise is not None and left < SETTLED_DECREASE)
         converged = settled and in_use >= n_windows
         if converged:
@@ -109,10 +109,15 @@ def _report(progress: Progress, index: int, passes: int, done: float) -> None:
     progress((index + done) / passes, f"pass {index + 1}")
 
 
-def _decrease_left(iteration: Iteration) -> float:
-    """By how much the Newton step would lower mu."""
-    step = iteration.newton_step
-    return 0.5 * float(step @ iteration.quadratic.curvature @ step)
+def _decrease_left(iteration: Iteration, asked: int) -> float:
+    """By how much the Newton step lowers mu over the parameters asked for, nuisances wherever they fit best.
+
+    Args:
+        iteration: with the step.
+        asked: number of parameters that were asked for; they come first.
+    """
+    step = iteration.newton_step[:asked]
+    return 0.5 * float(step @ iteration.quadratic.marginal(np.arange(asked)).curvature @ step)
 
 
 def _score_all(

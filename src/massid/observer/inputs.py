@@ -22,21 +22,23 @@ from massid.observer.contact_gate import is_unloaded
 from massid.observer.friction import StickSlip
 from massid.observer.replay import ReplayBlock
 from massid.observer.spans import Spans
-from massid.realisation import Realisation
+from massid.realisation import Realisation, SensorErrors
 from massid.typing import FloatArray
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Averages around the samples of a block.
+    """Averages around the samples of a block, with the errors of the sensors taken out that are known so far.
 
     Attributes:
+        position: of each sample itself, shape (n, nq) [rad or m].
         velocity: shape (n, nv) [rad/s or m/s].
         acceleration: slope of the measured velocities, shape (n, nv) [rad/s^2 or m/s^2].
         effort: joint torques as generalised forces, zero at the base, shape (n, nv) [N m or N].
         wrench: zero where it is known to be, shape (n, 6 n_contacts) [N, N m].
     """
 
+    position: FloatArray
     velocity: FloatArray
     acceleration: FloatArray
     effort: FloatArray
@@ -77,7 +79,8 @@ class InputBelief:
         self._noise = noise
         self._timestep_s = float(model.opt.timestep)
         self._spans = Spans.at(self._timestep_s)
-        self._joint_dof = layout.joint_dof
+        self._joint_qpos, self._joint_dof = layout.joint_qpos, layout.joint_dof
+        self._sensors: SensorErrors | None = None
         self._stick_slip = StickSlip(model, layout, noise) if np.any(model.dof_frictionloss > 0.0) else None
         self._before: tuple[FloatArray, ...] = ()
 
@@ -88,6 +91,7 @@ class InputBelief:
 
     def place(self, realisation: Realisation) -> None:
         """Take the parameters of the first of N models."""
+        self._sensors = realisation.sensors
         if self._stick_slip is not None:
             self._stick_slip.place(realisation)
 
@@ -108,6 +112,7 @@ class InputBelief:
         qpos, qvel, effort, wrench = (np.vstack([part[i] for part in parts]) for i in range(4))
         own = slice(first, first + n)
         loaded = np.repeat(~is_unloaded(wrench, self._noise, self._timestep_s), 6, axis=1).astype(np.float64)
+        qpos, effort, wrench = self._corrected(qpos, effort, wrench)
         wrench = wrench * loaded
         torque = np.zeros((n, len(self._joint_dof)))
         sticking = np.zeros_like(torque)
@@ -123,17 +128,31 @@ class InputBelief:
             qpos=block.qpos,
             qvel=block.qvel,
             effort=block.effort,
-            wrench=wrench[own],
+            wrench=block.wrench * loaded[own],
             loaded=loaded[own],
             friction=by_dof,
             sticking=sticking,
             motion=Motion(
+                position=qpos[own],
                 velocity=_level(qvel, own, spans),
                 acceleration=_slope(qvel, own, spans) / self._timestep_s,
                 effort=_level(effort, own, spans),
                 wrench=_level(wrench, own, spans) * loaded[own],
             ),
         )
+
+    def _corrected(
+        self, qpos: FloatArray, effort: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Measurements without what the first of the models takes for errors of the sensors."""
+        if self._sensors is None:
+            return qpos, effort, wrench
+        sensors = {name: values[0] for name, values in vars(self._sensors).items()}
+        qpos, effort = qpos.copy(), effort.copy()
+        qpos[:, self._joint_qpos] -= sensors["encoder_offset"]
+        effort[:, self._joint_dof] -= sensors["effort_offset"]
+        effort[:, self._joint_dof] /= 1.0 + sensors["effort_gain"]
+        return qpos, effort, (wrench - sensors["wrench_offset"]) / (1.0 + sensors["wrench_gain"])
 
 
 def _level(rows: FloatArray, own: slice, spans: Spans) -> FloatArray:

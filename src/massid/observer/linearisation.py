@@ -1,4 +1,4 @@
-"""The step of an identification model, linearised along the measured motion by the engine's own finite differences."""
+"""The step of an identification model, linearised along the estimated motion by the engine's own finite differences."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from numba import njit
 from massid.inertia import spatial_inertia
 from massid.layout import JointLayout
 from massid.observer.inputs import BelievedBlock
-from massid.observer.replay import ReplayBlock
 from massid.realisation import Realisation, write_fields
 from massid.typing import FloatArray, IntArray
 
@@ -54,8 +53,12 @@ class Lineariser:
         write_fields(self.model, realisation)
         self._inertia_slopes = realisation.inertia_slopes
 
-    def step(self, block: ReplayBlock, k: int) -> StepLinearisation:
-        """Linearise the step from sample k of a block, at the measured state and inputs."""
+    def step(self, block: BelievedBlock, k: int) -> StepLinearisation:
+        """Linearise the step from sample k of a block, along the estimated motion.
+
+        Not at the readings as they are: an offset that a torque sensor is already known to have would accelerate a
+        light link, and by the slope of its inertia make an encoder look better known than it is.
+        """
         model, data, nv = self.model, self._data, self.model.nv
         self._set(block, k)
         transition = np.zeros((2 * nv, 2 * nv))
@@ -82,7 +85,7 @@ class Lineariser:
             Shape (nv, n).
         """
         model, data = self.model, self._data
-        data.qpos[:], data.qvel[:] = block.qpos[k], block.motion.velocity[k]
+        data.qpos[:], data.qvel[:] = block.motion.position[k], block.motion.velocity[k]
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
         data.qacc[:] = block.motion.acceleration[k]
@@ -106,10 +109,10 @@ class Lineariser:
             return inertia
         return np.asarray(inertia + model.opt.timestep * np.diag(model.dof_damping))
 
-    def _set(self, block: ReplayBlock, k: int) -> None:
-        data = self._data
-        data.qpos[:], data.qvel[:] = block.qpos[k], block.qvel[k]
-        data.qfrc_applied[:], data.ctrl[:] = block.generalised_force(k), block.wrench[k]
+    def _set(self, block: BelievedBlock, k: int) -> None:
+        data, motion = self._data, block.motion
+        data.qpos[:], data.qvel[:] = motion.position[k], motion.velocity[k]
+        data.qfrc_applied[:], data.ctrl[:] = motion.effort[k] + block.friction[k], motion.wrench[k]
 
 
 @njit(cache=True)
