@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from massid.noise import NoisePreset
+from massid.walking.gait import DEFAULT_GAIT
 
-Part = Literal["accuracy", "coverage", "wrong", "lengths", "speed"]
+Part = Literal["accuracy", "coverage", "verdict", "wrong", "lengths", "speed"]
 Method = Literal["online", "offline", "bound", "least-squares", "sysid", "sysid-observer"]
 Friction = Literal["none", "0.1", "5%"]
 Fault = Literal["none", "com", "inertia", "friction", "links"]
@@ -30,6 +31,7 @@ class Case:
         seconds: of walking.
         seed: of masses, gait, sensors and search.
         fault: what else is wrong in the model.
+        gait: how the robot walks.
     """
 
     part: Part
@@ -41,6 +43,12 @@ class Case:
     seconds: float
     seed: int
     fault: Fault = "none"
+    gait: str = DEFAULT_GAIT
+
+    @property
+    def walk_seed(self) -> int:
+        """Seed of masses and steps: a verdict is judged by one walk that is measured again and again."""
+        return 0 if self.part == "verdict" else self.seed
 
     @property
     def believed_other_links(self) -> float:

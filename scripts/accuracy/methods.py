@@ -17,33 +17,40 @@ from massid.identify import IdentifyOptions, identify_offline, identify_online
 from massid.identify.posterior import INTERVAL_95
 from massid.identify.result import Result
 from massid.identify.sensing import with_nuisances
+from massid.identify.verdict import foresee
 from massid.noise import PRESETS
 from massid.observer.blas import single_threaded
 from massid.parameters import ParameterSpace
 
-
-def measure(case: Case, given: Given) -> dict[str, Any]:
-    """Run the method of a case."""
-    return METHODS[case.method](case, given)
+Measure = Callable[[Case, Given, int], dict[str, Any]]
+"""From a prepared walk and a number of threads to plain numbers."""
 
 
-def _options(case: Case) -> IdentifyOptions:
+def measure(case: Case, given: Given, threads: int = 0) -> dict[str, Any]:
+    """Run the method of a case; threads of its models are one per processor if that is 0."""
+    return METHODS[case.method](case, given, threads)
+
+
+def options_of(case: Case, threads: int = 0) -> IdentifyOptions:
+    """How our estimator is told to see the log of a case."""
     return IdentifyOptions(
         noise=case.preset,
         other_links=case.believed_other_links,
         link_inertia=case.believed_link_inertia,
         seed=case.seed,
+        threads=threads,
     )
 
 
 def _all_unknowns(case: Case, given: Given) -> ParameterSpace:
     """What the estimator takes as unknown, with the same priors."""
-    return with_nuisances(given.space, given.robot, given.clean, PRESETS[case.preset], _options(case))
+    return with_nuisances(given.space, given.robot, given.clean, PRESETS[case.preset], options_of(case))
 
 
-def _massid(case: Case, given: Given) -> dict[str, Any]:
+def _massid(case: Case, given: Given, threads: int) -> dict[str, Any]:
     identify = identify_online if case.method == "online" else identify_offline
-    result = identify(given.noisy, given.robot, given.space, _options(case))
+    options = options_of(case, threads)
+    result = identify(given.noisy, given.robot, given.space, options)
     error = result.estimate - given.truth(given.space)
     found = {
         "l2_kg": float(np.linalg.norm(error)),
@@ -53,6 +60,9 @@ def _massid(case: Case, given: Given) -> dict[str, Any]:
         "warnings": list(result.warnings[len(given.noisy.warnings) :]),
         "wall_s": result.wall_s,
     }
+    if case.part == "verdict":
+        verdict = foresee(given.noisy, given.robot, given.space, options)
+        found |= {"predicted_std_kg": verdict.std.tolist(), "hidden": list(verdict.hidden)}
     return found | _belief(result, error)
 
 
@@ -72,7 +82,7 @@ def _belief(result: Result, error: np.ndarray) -> dict[str, Any]:  # type: ignor
     }
 
 
-def _bound(case: Case, given: Given) -> dict[str, Any]:
+def _bound(case: Case, given: Given, _threads: int) -> dict[str, Any]:
     space = _all_unknowns(case, given)
     found: dict[str, Any] = {}
     for name, gate in (("gated", True), ("open", False)):
@@ -81,7 +91,7 @@ def _bound(case: Case, given: Given) -> dict[str, Any]:
     return found
 
 
-def _least_squares(case: Case, given: Given) -> dict[str, Any]:
+def _least_squares(case: Case, given: Given, _threads: int) -> dict[str, Any]:
     space = _all_unknowns(case, given)
     asked = len(given.space)
     truth = given.truth(given.space)
@@ -98,9 +108,9 @@ def _least_squares(case: Case, given: Given) -> dict[str, Any]:
     }
 
 
-def _sysid(case: Case, given: Given) -> dict[str, Any]:
+def _sysid(case: Case, given: Given, threads: int) -> dict[str, Any]:
     weigh = weigh_by_chunks if case.method == "sysid" else weigh_by_observer
-    found = weigh(given.noisy, given.robot, given.space)
+    found = weigh(given.noisy, given.robot, given.space, threads)
     error = found.estimate - given.truth(given.space)
     return {
         "l2_kg": float(np.linalg.norm(error)),
@@ -111,15 +121,15 @@ def _sysid(case: Case, given: Given) -> dict[str, Any]:
     }
 
 
-def _on_one_thread(method: Callable[[Case, Given], dict[str, Any]]) -> Callable[[Case, Given], dict[str, Any]]:
-    def run(case: Case, given: Given) -> dict[str, Any]:
+def _on_one_thread(method: Measure) -> Measure:
+    def run(case: Case, given: Given, threads: int) -> dict[str, Any]:
         with single_threaded():
-            return method(case, given)
+            return method(case, given, threads)
 
     return run
 
 
-METHODS: dict[Method, Callable[[Case, Given], dict[str, Any]]] = {
+METHODS: dict[Method, Measure] = {
     "online": _massid,
     "offline": _massid,
     "bound": _on_one_thread(_bound),

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import io
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -51,20 +52,24 @@ class Weighed:
     wall_s: float
 
 
-def weigh_by_chunks(walk: Walk, robot: Robot, space: ParameterSpace) -> Weighed:
+def weigh_by_chunks(walk: Walk, robot: Robot, space: ParameterSpace, threads: int = 0) -> Weighed:
     """Roll out chunks of 50 samples from their measured first states."""
     problem = _Problem(walk, robot, space, CHUNK_STEPS)
-    return _optimise(problem, space, None, problem.state_error)
+    return _optimise(problem, space, None, problem.state_error, threads)
 
 
-def weigh_by_observer(walk: Walk, robot: Robot, space: ParameterSpace) -> Weighed:
+def weigh_by_observer(walk: Walk, robot: Robot, space: ParameterSpace, threads: int = 0) -> Weighed:
     """Roll out windows of 0.5 s by identification models that are pulled towards the measurement."""
     problem = _Problem(walk, robot, space, OBSERVED_STEPS)
-    return _optimise(problem, space, _Observer(problem), problem.whiten_observed)
+    return _optimise(problem, space, _Observer(problem, threads), problem.whiten_observed, threads)
 
 
 def _optimise(
-    problem: _Problem, space: ParameterSpace, rollout: Callable[..., Any] | None, error: Callable[..., FloatArray]
+    problem: _Problem,
+    space: ParameterSpace,
+    rollout: Callable[..., Any] | None,
+    error: Callable[..., FloatArray],
+    threads: int,
 ) -> Weighed:
     sysid = load_sysid()
     started = time.perf_counter()
@@ -82,6 +87,7 @@ def _optimise(
         build_model=lambda params, _: problem.model_at(params.as_vector()),
         modify_residual=modify,
         custom_rollout=rollout,
+        n_threads=threads or os.cpu_count(),
         resample_true=False,
     )
     with contextlib.redirect_stdout(io.StringIO()):  # its solver prints every iteration
@@ -204,8 +210,8 @@ def _small_turn(first: FloatArray, second: FloatArray) -> FloatArray:
 class _Observer:
     """Our identification models as a rollout of mujoco.sysid; output errors stand in the place of states."""
 
-    def __init__(self, problem: _Problem) -> None:
-        self._problem = problem
+    def __init__(self, problem: _Problem, threads: int) -> None:
+        self._problem, self._threads = problem, threads
         walk = problem.walk
         self._blocks = [replay_block(walk, problem.robot.layout, window) for window in problem.windows]
         self._banks: dict[int, RobotBank] = {}
@@ -239,7 +245,7 @@ class _Observer:
         if len(points) not in self._banks:
             self._banks[len(points)] = RobotBank(
                 problem.robot, problem.space, problem.walk.contact_bodies, len(points),
-                timestep_s=problem.walk.timestep_s,
+                timestep_s=problem.walk.timestep_s, n_threads=self._threads,
             )  # fmt: skip
         bank = self._banks[len(points)]
         bank.place(points)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from rich.table import Table
+from scipy.stats import chi2, linregress
 
 from accuracy.case import Case
 
@@ -17,7 +18,10 @@ Group = tuple[Any, ...]
 
 
 def accuracy_table(rows: Rows, title: str = "Root mean square L2 error in kg") -> Table:
-    """Errors of all methods beside the bound, a row for each problem."""
+    """Errors of all methods beside the bound, a row for each problem.
+
+    mujoco.sysid, by itself and with our observer, is followed by how many walks it saw and its share of hits.
+    """
     groups = _grouped(rows, ("preset", "robot", "friction", "other_links", "seconds"))
     table = Table(title=title)
     for name in (
@@ -28,7 +32,8 @@ def accuracy_table(rows: Rows, title: str = "Root mean square L2 error in kg") -
     for key, found in groups.items():
         bound = _rms(found["bound"], "gated_l2_kg")
         baselines = [_least_squares(found["least-squares"])]
-        baselines += [_number(_rms(found[method], "l2_kg")) for method in ("least-squares", "sysid", "sysid-observer")]
+        baselines += [_number(_rms(found["least-squares"], "l2_kg"))]
+        baselines += [_few(found[method]) for method in ("sysid", "sysid-observer")]
         for method in [m for m in OURS if found[m]] or ["-"]:
             ours = [result for result in found[method] if "l2_kg" in result]
             error = _rms(ours, "l2_kg")
@@ -49,16 +54,30 @@ def accuracy_table(rows: Rows, title: str = "Root mean square L2 error in kg") -
     return table
 
 
-def slopes(rows: Rows) -> list[str]:
-    """How errors and bounds fall with the seconds of walking: the exponent of a power law fitted to each."""
-    lines = []
-    for (preset, robot, method), found in _grouped(rows, ("preset", "robot", "method"), by_method=False).items():
-        name = "gated_l2_kg" if method == "bound" else "l2_kg"
-        points = [(result["seconds"], result[name]) for result in found["all"] if name in result]
-        if len({seconds for seconds, _ in points}) > 1:
-            slope = np.polyfit(*np.log(points).T, 1)[0]
-            lines.append(f"{preset}, {robot}, {method}: error falls with seconds to the power {slope:.2f}")
-    return lines
+def slope_table(rows: Rows) -> Table:
+    """How errors fall with the seconds of walking beside how the bound does: exponents of power laws."""
+    table = Table("preset", "robot", "method", title="The error falls with seconds to the power")
+    for name in ("ours", "said", "bound"):
+        table.add_column(name, justify="right")
+    for key, found in _grouped(rows, ("preset", "robot")).items():
+        bound = _exponent([(result["seconds"], result.get("gated_l2_kg")) for result in found["bound"]])
+        for method in [m for m in OURS if found[m]]:
+            said = [
+                (result["seconds"], float(np.linalg.norm(result["std_kg"])) if "std_kg" in result else None)
+                for result in found[method]
+            ]
+            error = [(result["seconds"], result.get("l2_kg")) for result in found[method]]
+            table.add_row(*key, method, _exponent(error), _exponent(said), bound)
+    return table
+
+
+def _exponent(points: list[tuple[float, float | None]]) -> str:
+    """Exponent of the power law through points, with its standard error."""
+    logs = np.log([(seconds, value) for seconds, value in points if value is not None]).reshape(-1, 2)
+    if len(np.unique(logs[:, 0])) < 2:
+        return "-"
+    line = linregress(logs[:, 0], logs[:, 1])
+    return f"{line.slope:.2f} +-{line.stderr:.2f}" if len(logs) > 2 else f"{line.slope:.2f}"
 
 
 def coverage_table(rows: Rows) -> Table:
@@ -72,6 +91,51 @@ def coverage_table(rows: Rows) -> Table:
         worst = int(np.argmin(hits.mean(axis=0)))
         share = hits.mean(axis=0)[worst]
         table.add_row(*map(str, key), method, str(len(hits)), f"{hits.mean():.1%}", f"{share:.1%} ({links[worst]})")
+    return table
+
+
+def verdict_table(rows: Rows) -> Table:
+    """Deviations of each link's mass: predicted before the fit, reported after it, found over logs of one walk.
+
+    Below, all links: the ratio of root mean squares in units of what was predicted, with its extremes over links.
+    """
+    table = Table(title="Standard deviations in kg over logs of one walk, each with sensors of its own")
+    for name in (
+        *(
+            "preset",
+            "robot",
+            "gait",
+            "s",
+            "method",
+            "link",
+            "logs",
+            "predicted",
+            "reported",
+            "found",
+            "95 % range of found",
+        ),
+        *("predicted / found", "mean error"),
+    ):
+        table.add_column(name, justify="right")
+    for key, found in _grouped(rows, ("preset", "robot", "gait", "seconds", "method"), by_method=False).items():
+        done = [result for result in found["all"] if "std_kg" in result]
+        if len(done) < 2:
+            continue
+        links, errors = done[0]["links"], np.array([result["error_kg"] for result in done])
+        predicted = np.mean([result["predicted_std_kg"] for result in done], axis=0)
+        reported = np.mean([result["std_kg"] for result in done], axis=0)
+        std, free = errors.std(axis=0, ddof=1), len(done) - 1
+        low, high = (np.sqrt(free / chi2.ppf(share, free)) for share in (0.975, 0.025))
+        ratio = predicted / std
+        for k, link in enumerate(links):
+            table.add_row(
+                *map(str, key), link, f"{len(done)}/{len(found['all'])}", _number(predicted[k]), _number(reported[k]),
+                _number(std[k]), f"{low * std[k]:.3g} - {high * std[k]:.3g}", f"{ratio[k]:.2f}",
+                _number(errors[:, k].mean()),
+            )  # fmt: skip
+        pooled = float(np.mean(ratio**-2.0) ** -0.5)
+        extremes = f"{pooled:.2f} ({ratio.min():.2f} - {ratio.max():.2f})"
+        table.add_row(*map(str, key), "all", *[""] * 5, extremes, "", end_section=True)
     return table
 
 
@@ -120,7 +184,7 @@ def _grouped(
     for case, result in rows:
         key = tuple(getattr(case, name) for name in names)
         groups[key][case.method if by_method else "all"].append(result | {"seconds": case.seconds})
-    return dict(sorted(groups.items(), key=lambda item: tuple(map(str, item[0]))))
+    return dict(sorted(groups.items()))
 
 
 def _least_squares(results: list[dict[str, Any]]) -> str:
@@ -147,6 +211,12 @@ def _mean(results: list[dict[str, Any]], name: str) -> float | None:
 def _hits(results: list[dict[str, Any]]) -> str:
     hits = [hit for result in results for hit in result.get("hits", [])]
     return f"{np.mean(hits):.0%}" if hits else "-"
+
+
+def _few(results: list[dict[str, Any]]) -> str:
+    """Error over the walks that a slow method saw, how many they were, and how often its intervals held the truth."""
+    done = [result for result in results if "l2_kg" in result]
+    return f"{_number(_rms(done, 'l2_kg'))} ({len(done)}; {_hits(done)})" if done else "-"
 
 
 def _number(value: float | None) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import mujoco
 import numpy as np
@@ -17,6 +18,7 @@ from massid.robot import Robot
 from massid.score import Truth
 from massid.typing import FloatArray
 from massid.unknowns import mass_space
+from massid.walking.gait import DEFAULT_GAIT
 from massid.walking.morphology import torque_limits
 
 COM_ERROR_M = 0.03
@@ -49,17 +51,18 @@ class Given:
         return np.array([self.true_kg[p.target] if p.kind is Kind.MASS else 0.0 for p in space.parameters])
 
 
-def prepare(case: Case, logs: Path, recorded_s: float) -> Given:
+def prepare(case: Case, logs: Path, recorded_s: float, skipped_s: float = 0.0) -> Given:
     """Record the walk of a case or find it, cut it to length, and put noise on it.
 
     Args:
         case: which one.
         logs: folder of the recorded walks.
-        recorded_s: how long walks are recorded, at least the length of the case [s].
+        recorded_s: how long walks are recorded, at least what is skipped and the length of the case [s].
+        skipped_s: left out at the beginning [s].
     """
     robot = with_friction(Robot.load(resolve_model(case.robot)), case.friction)
     path = _recorded(case, robot, logs, recorded_s)
-    clean = robot.align(first_seconds(read_walk(path), case.seconds))
+    clean = robot.align(cut(read_walk(path), skipped_s, case.seconds))
     return Given(
         clean=clean,
         noisy=sensors_of(clean, case.preset, case.seed).measure(clean),
@@ -69,10 +72,11 @@ def prepare(case: Case, logs: Path, recorded_s: float) -> Given:
     )
 
 
-def first_seconds(walk: Walk, seconds: float) -> Walk:
-    """The beginning of a walk without gaps."""
-    n = round(seconds / walk.timestep_s)
-    fields = {name: getattr(walk, name)[:n] for name in ("stamps_ns", "qpos", "qvel", "effort", "wrench")}
+def cut(walk: Walk, start_s: float, seconds: float) -> Walk:
+    """Some seconds of a walk without gaps."""
+    first = round(start_s / walk.timestep_s)
+    rows = slice(first, first + round(seconds / walk.timestep_s))
+    fields = {name: getattr(walk, name)[rows] for name in ("stamps_ns", "qpos", "qvel", "effort", "wrench")}
     return replace(walk, segments=(), **fields)
 
 
@@ -114,19 +118,22 @@ def with_fault(robot: Robot, fault: Fault, rng: np.random.Generator) -> Robot:
 def _recorded(case: Case, robot: Robot, logs: Path, recorded_s: float) -> Path:
     """The log without noise that the case starts from; walks that end in a fall are replaced by others."""
     friction = case.friction.replace("%", "pc")
-    stem = f"{case.robot}_{friction}_{case.fault}_{case.other_links:g}_{recorded_s:g}s_{case.seed}"
+    gait = "" if case.gait == DEFAULT_GAIT else f"_{case.gait}"
+    stem = f"{case.robot}_{friction}_{case.fault}_{case.other_links:g}{gait}_{recorded_s:g}s_{case.walk_seed}"
     path = logs / f"{stem}.mcap"
     for attempt in range(FALLS_BORNE):
         if path.exists():
             break
-        seed = case.seed + SEED_STRIDE * attempt
+        seed = case.walk_seed + SEED_STRIDE * attempt
         rng = np.random.default_rng(seed)
         true_robot = with_fault(robot, case.fault, rng)
-        draft = path.with_suffix(".draft.mcap")
         hidden = _masses(robot, case.other_links, rng)
-        if record_walk(true_robot, draft, recorded_s, hidden=hidden, seed=seed).end == "complete":
-            truth_path(draft).replace(truth_path(path))
-            draft.replace(path)
+        # Another process may record the same walk: each in a folder of its own, and the log comes last, complete.
+        with TemporaryDirectory(prefix="draft_", dir=logs) as folder:
+            draft = Path(folder) / path.name
+            if record_walk(true_robot, draft, recorded_s, gait=case.gait, hidden=hidden, seed=seed).end == "complete":
+                truth_path(draft).replace(truth_path(path))
+                draft.replace(path)
     if not path.exists():
         raise RuntimeError(f"{stem}: {FALLS_BORNE} walks in a row ended in a fall.")
     return path

@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 from rich.console import Console
+from rich.table import Table
 
 from massid.assets import shipped_models
+from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.robot import Robot
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
@@ -103,10 +105,80 @@ def test_tables_show_what_was_measured() -> None:
 
 
 def test_slopes_are_those_of_the_errors() -> None:
-    from accuracy.tables import slopes
+    from accuracy.tables import slope_table
 
-    rows = [(_case(part="lengths", seconds=s), {"l2_kg": 0.3 * s**-0.5}) for s in (1.0, 3.0, 10.0)]
-    assert slopes(rows) == ["white, atlas, online: error falls with seconds to the power -0.50"]
+    seconds = (1.0, 3.0, 10.0)
+    rows = [(_case(part="lengths", seconds=s), {"l2_kg": 0.3 * s**-0.5, "std_kg": [s**-0.75]}) for s in seconds]
+    rows += [(_case(part="lengths", method="bound", seconds=s), {"gated_l2_kg": 0.1 / s}) for s in seconds]
+    assert _printed(slope_table(rows))[0][3:] == ["-0.50 +-0.00", "-0.75 +-0.00", "-1.00 +-0.00"]
+
+
+def test_what_was_predicted_is_compared_with_the_scatter_over_logs() -> None:
+    from accuracy.tables import verdict_table
+
+    rng = np.random.default_rng(0)
+    std = np.array([0.3, 0.1])
+    errors = 1.0 + std * rng.normal(size=(400, 2))  # what all logs have in common is no scatter
+    rows = [
+        (_case(part="verdict", seed=seed), {
+            "links": ["torso", "l_foot"], "error_kg": error.tolist(),
+            "std_kg": [0.3, 0.1], "predicted_std_kg": [0.3, 0.2],
+        })
+        for seed, error in enumerate(errors)
+    ]  # fmt: skip
+    torso, foot, both = _printed(verdict_table(rows))
+    assert float(torso[11]) == pytest.approx(1.0, rel=0.1)  # a standard deviation over 400 logs is known to 3.5 %
+    assert float(foot[11]) == pytest.approx(2.0, rel=0.1)
+    low, high = map(float, torso[10].split(" - "))
+    assert low < 0.3 < high
+    assert (high - low) / 0.6 == pytest.approx(1.96 / np.sqrt(2 * 399), rel=0.1)
+    assert float(both[11].split()[0]) == pytest.approx(np.mean([1.0, 0.25]) ** -0.5, rel=0.1)
+
+
+def test_a_verdict_is_judged_on_one_walk_with_sensors_of_many() -> None:
+    assert _case(part="verdict", seed=3).walk_seed == _case(part="verdict", seed=4).walk_seed
+    assert _case(part="coverage", seed=3).walk_seed == 3
+
+
+def test_an_unfinished_recording_of_another_process_is_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from accuracy import walks
+
+    recorded = []
+
+    def interrupted(robot: Robot, path: Path, *_: Any, **__: Any) -> None:
+        path.write_bytes(b"the beginning of a log")
+        recorded.append(path)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(walks, "record_walk", interrupted)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            walks.prepare(_case(robot="light"), tmp_path, 1.0)
+    assert len(set(recorded)) == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_settled_mu_is_the_least_that_the_other_unknowns_leave() -> None:
+    from accuracy.along import settled_mu
+
+    rng = np.random.default_rng(0)
+    masses = [Parameter.mass(link, 5.0) for link in ("torso", "l_thigh", "l_calf")]
+    space = ParameterSpace((*masses, Parameter.nuisance(Kind.EFFORT_OFFSET, "l_knee", 0.1)))
+    direction = np.array([0.0, 0.6, -0.8])
+    error, derivatives = rng.normal(size=(2, 30)), rng.normal(size=(len(space), 30))
+    rows = np.vstack([error, derivatives])
+    across = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.8, 0.6, 0.0], [0.0, 0.0, 0.0, 1.0]])
+    believed = np.vstack([(across @ derivatives).T, [0.0, 0.0, 1.0 / 0.1]])
+    for y, least in zip(error, settled_mu(rows @ rows.T, 2, space, direction), strict=True):
+        _, left, *_ = np.linalg.lstsq(believed, -np.append(y, 0.0))
+        assert least == pytest.approx(left[0], rel=1e-9)  # rounding
+
+
+def _printed(table: Table) -> list[list[str]]:
+    """Cells of a table, row by row."""
+    return [list(row) for row in zip(*(column.cells for column in table.columns), strict=True)]
 
 
 @pytest.mark.parametrize("name", ["atlas", "light", "heavy"])
