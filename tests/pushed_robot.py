@@ -127,6 +127,17 @@ def fly_about(robot: Robot, space: ParameterSpace, truth: FloatArray, seconds: f
     return push_about(robot, space, truth, seconds, amplitude=amplitude, floor=False)
 
 
+def stamped_late(walk: Walk, effort_s: float, wrench_s: float) -> Walk:
+    """The walk with torques and wrenches as they were some time before their stamps, linear between samples."""
+    stamps_s = np.arange(len(walk)) * walk.timestep_s
+
+    def earlier(values: FloatArray, lag_s: float) -> FloatArray:
+        columns = values.reshape(len(values), -1).T
+        return np.stack([np.interp(stamps_s - lag_s, stamps_s, x) for x in columns], axis=1).reshape(values.shape)
+
+    return replace(walk, effort=earlier(walk.effort, effort_s), wrench=earlier(walk.wrench, wrench_s))
+
+
 def cut(walk: Walk, *rows: slice) -> Walk:
     """Some stretches of a walk one after the other, with their stamps and the gaps between them."""
     lengths = np.cumsum([0, *[stretch.stop - stretch.start for stretch in rows]])

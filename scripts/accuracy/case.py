@@ -60,6 +60,11 @@ class Case:
         """What is believed of rotational inertias: they are right, or with a wrong model, what is the default."""
         return 0.1 if self.part == "wrong" else 0.0
 
+    @property
+    def believed_lag_s(self) -> float:
+        """What is believed of the times by which inputs are stamped late, likewise."""
+        return 5e-4 if self.part == "wrong" else 0.0
+
 
 class Ledger:
     """A file with one finished case a line: what was measured survives whatever happens later.

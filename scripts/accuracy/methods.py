@@ -37,6 +37,7 @@ def options_of(case: Case, threads: int = 0) -> IdentifyOptions:
         noise=case.preset,
         other_links=case.believed_other_links,
         link_inertia=case.believed_link_inertia,
+        lag_s=case.believed_lag_s,
         seed=case.seed,
         threads=threads,
     )

@@ -38,10 +38,14 @@ class Kind(enum.StrEnum):
     """What a joint's torque sensor reads too much."""
     EFFORT_GAIN = "effort_gain"
     """Relative error of a joint's torque sensor: reading = (1 + gain) torque + offset."""
+    EFFORT_LAG = "effort_lag"
+    """How much later than the joint states the joint torques are stamped, all alike; target ALL."""
     WRENCH_OFFSET = "wrench_offset"
     """What one axis of a contact sensor reads too much; target BODY/AXIS, axes 0-2 force, 3-5 moment."""
     WRENCH_GAIN = "wrench_gain"
     """Relative error of one axis of a contact sensor; target BODY/AXIS."""
+    WRENCH_LAG = "wrench_lag"
+    """How much later than the joint states the contact wrenches are stamped, all alike; target ALL."""
     ENCODER_OFFSET = "encoder_offset"
     """What a joint's encoder reads too much."""
     COEFFICIENT = "coefficient"
@@ -58,8 +62,10 @@ UNITS = {
     Kind.DAMPING: "N m s/rad",
     Kind.EFFORT_OFFSET: "N m",
     Kind.EFFORT_GAIN: "1",
+    Kind.EFFORT_LAG: "s",
     Kind.WRENCH_OFFSET: "N, N m",
     Kind.WRENCH_GAIN: "1",
+    Kind.WRENCH_LAG: "s",
     Kind.ENCODER_OFFSET: "rad",
     Kind.COEFFICIENT: "1",
 }
@@ -67,10 +73,14 @@ _INERTIAL = (Kind.MASS, Kind.COM, Kind.INERTIA, Kind.INERTIA_SCALE, Kind.PAYLOAD
 _SENSOR_ERRORS = (
     Kind.EFFORT_OFFSET,
     Kind.EFFORT_GAIN,
+    Kind.EFFORT_LAG,
     Kind.WRENCH_OFFSET,
     Kind.WRENCH_GAIN,
+    Kind.WRENCH_LAG,
     Kind.ENCODER_OFFSET,
 )
+ALL = "all"
+"""Target of what is one number for all sensors of a kind."""
 
 
 @dataclass(frozen=True)

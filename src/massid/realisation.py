@@ -15,29 +15,32 @@ from massid.typing import FloatArray
 
 @dataclass(frozen=True)
 class SensorErrors:
-    """Slow errors of N models' sensors: reading = (1 + gain) quantity + offset; every leading axis is N.
+    """Slow errors of N models' sensors: reading(t) = (1 + gain) quantity(t - lag) + offset; every leading axis is N.
 
     Attributes:
         effort_offset: shape (N, n_joints) [N m].
         effort_gain: shape (N, n_joints).
+        effort_lag: shape (N, 1) [s].
         wrench_offset: shape (N, 6 n_contacts) [N, N m].
         wrench_gain: shape (N, 6 n_contacts).
+        wrench_lag: shape (N, 1) [s].
         encoder_offset: shape (N, n_joints) [rad].
     """
 
     effort_offset: FloatArray
     effort_gain: FloatArray
+    effort_lag: FloatArray
     wrench_offset: FloatArray
     wrench_gain: FloatArray
+    wrench_lag: FloatArray
     encoder_offset: FloatArray
 
     @classmethod
     def none(cls, n: int, n_joints: int, n_contacts: int) -> SensorErrors:
         """Perfect sensors."""
         per_joint, per_axis = (n, n_joints), (n, 6 * n_contacts)
-        return cls(
-            np.zeros(per_joint), np.zeros(per_joint), np.zeros(per_axis), np.zeros(per_axis), np.zeros(per_joint)
-        )
+        shapes = (per_joint, per_joint, (n, 1), per_axis, per_axis, (n, 1), per_joint)
+        return cls(*(np.zeros(shape) for shape in shapes))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from massid.layout import JointLayout
 from massid.log.walk import Walk
 from massid.model_edit import identification_spec, no_single_base, without_joints
 from massid.model_file import one_line, save_model
-from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.parameters import ALL, Kind, Parameter, ParameterSpace
 from massid.realisation import Realisation, SensorErrors, write_fields, write_spec
 from massid.typing import FloatArray
 
@@ -167,7 +167,9 @@ class Robot:
         return Realisation(fields, sensors, inertia_slopes(bodies, space, points[0]))
 
     def sensor_column(self, parameter: Parameter, contact_bodies: Sequence[str]) -> int:
-        """Column of a sensor error: the joint's number, or six times the contact body's number plus the axis."""
+        """Column of a sensor error: the joint's number, six times the contact body's plus the axis, or the only one."""
+        if parameter.target == ALL:
+            return 0
         if parameter.kind in (Kind.WRENCH_OFFSET, Kind.WRENCH_GAIN):
             body, _, axis = parameter.target.rpartition("/")
             return 6 * list(contact_bodies).index(body) + int(axis)

@@ -11,7 +11,7 @@ from massid.errors import BadInputError
 from massid.identify import IdentifyOptions, identify_offline
 from massid.log.walk import Walk
 from massid.noise import PRESETS, SensorNoise, Sensors
-from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.parameters import ALL, Kind, Parameter, ParameterSpace
 from tests.conftest import Pushed
 
 WHITE = PRESETS["white"]
@@ -57,7 +57,7 @@ def test_the_bound_is_what_the_estimator_expects_of_itself(pushed: Pushed) -> No
     """Two programmes that share no code: derivatives of the plant here, a bank of filters on a noisy log there."""
     walk = _first(pushed.walk, 1201)
     noisy = Sensors(WHITE, len(walk.joint_names), walk.contact_bodies, np.random.default_rng(1)).measure(walk)
-    options = IdentifyOptions(noise="white", other_links=0.0, dwell_s=0.3, passes=3)
+    options = IdentifyOptions(noise="white", other_links=0.0, link_inertia=0.0, lag_s=0.0, dwell_s=0.3, passes=3)
     uncertainty = identify_offline(noisy, pushed.robot, pushed.space, options).uncertainty
     assert uncertainty is not None
     expected = np.sqrt(np.diagonal(uncertainty.covariance) / uncertainty.inflation)
@@ -77,12 +77,14 @@ def test_more_walking_and_less_doubt_never_hurt(pushed: Pushed) -> None:
     gain = Parameter.nuisance(Kind.WRENCH_GAIN, "l_foot/2", 0.01)
     encoder = Parameter.nuisance(Kind.ENCODER_OFFSET, "r_knee", 2e-3)
     inertia = Parameter.nuisance(Kind.INERTIA_SCALE, "torso", 0.1)
-    doubtful = _bound(pushed, 300, offset, gain, encoder, inertia)
+    lags = [Parameter.nuisance(kind, ALL, 5e-4) for kind in (Kind.EFFORT_LAG, Kind.WRENCH_LAG)]
+    doubtful = _bound(pushed, 300, offset, gain, encoder, inertia, *lags)
     assert np.all(doubtful.std > plain.std)
-    certain = [replace(p, prior_std=1e-9) for p in (offset, gain, encoder, inertia)]
+    certain = [replace(p, prior_std=1e-9) for p in (offset, gain, encoder, inertia, *lags)]
     np.testing.assert_allclose(_bound(pushed, 300, *certain).std, plain.std, rtol=1e-6)
     assert doubtful.problem == "7 mass, 1 effort_offset (other) +-0.4, 1 wrench_gain (other) +-0.01, " + (
-        "1 encoder_offset (other) +-0.002, 1 inertia_scale (other) +-0.1"
+        "1 encoder_offset (other) +-0.002, 1 inertia_scale (other) +-0.1, 1 effort_lag (other) +-0.0005, "
+        "1 wrench_lag (other) +-0.0005"
     )
 
 

@@ -9,10 +9,10 @@ from massid.baseline import fit_masses, scan_cutoffs, self_chosen
 from massid.errors import BadInputError
 from massid.log.walk import Segment, Walk
 from massid.noise import PRESETS, SensorNoise, Sensors
-from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.parameters import ALL, Kind, Parameter, ParameterSpace
 from massid.unknowns import mass_space
 from tests.conftest import Pushed
-from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about
+from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about, stamped_late
 
 SLOW = SensorNoise(effort_gain=0.02, effort_offset=0.4, wrench_gain=0.01, force_offset=4.0)
 
@@ -68,6 +68,14 @@ def test_offsets_and_gains_are_found_beside_the_masses(pushed: Pushed) -> None:
     # Products of gain and offset are left out, and the scale of all forces is known by its prior alone.
     assert errors[1] < 0.5 * errors[0]
     assert np.all(np.abs(seeing.estimate[7:]) < 6.0 * np.array([p.prior_std for p in slow]))
+
+
+def test_lags_are_found(pushed: Pushed) -> None:
+    late = stamped_late(pushed.walk, 4e-4, 2e-4)
+    lags = (Parameter.nuisance(kind, ALL, 5e-4) for kind in (Kind.EFFORT_LAG, Kind.WRENCH_LAG))
+    space = ParameterSpace((*pushed.space.parameters, *lags))
+    found = fit_masses(late, pushed.robot, space, 20.0).estimate
+    np.testing.assert_allclose(found[-2:], [4e-4, 2e-4], atol=2e-5)  # s
 
 
 def test_an_encoder_offset_is_found(pushed: Pushed) -> None:

@@ -16,7 +16,7 @@ from tests.conftest import Pushed
 from tests.pushed_robot import FEET
 
 WHITE = PRESETS["white"]
-OPTIONS = IdentifyOptions(other_links=0.0, link_inertia=0.0)
+OPTIONS = IdentifyOptions(other_links=0.0, link_inertia=0.0, lag_s=0.0)
 
 
 def _one_foot_lifted(pushed: Pushed, offset: FloatArray, seed: int) -> Walk:

@@ -14,7 +14,7 @@ from massid.noise import PRESETS, Sensors
 from massid.observer.inputs import BelievedBlock, InputBelief, Motion
 from massid.observer.replay import ReplayBlock, replay_block
 from massid.observer.spans import Spans
-from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.parameters import ALL, Kind, Parameter, ParameterSpace
 from massid.typing import FloatArray
 from massid.unknowns import mass_space
 from tests.pushed_robot import FEET, LINKS, make_robot, push_about
@@ -53,6 +53,22 @@ def _believe(walk: Walk, borders: Sequence[int], belief: InputBelief | None = No
         )
         for first, last in pairwise(borders)
     ]
+
+
+@pytest.mark.parametrize("lag_s", [-1.7e-3, -1e-3, 3e-4, 2e-3])
+def test_inputs_that_are_stamped_late_are_read_later(lag_s: float, walk: Walk) -> None:
+    """On a straight line, which linear interpolation keeps, wherever the walk is cut."""
+    ramp = np.arange(len(walk)) * TIMESTEP_S
+    straight = replace(walk, effort=100.0 * ramp[:, None] + np.zeros(8), wrench=walk.wrench)
+    space = ParameterSpace((*mass_space(ROBOT, LINKS).parameters, Parameter.nuisance(Kind.EFFORT_LAG, ALL, 1e-3)))
+    belief = _belief()
+    belief.place(ROBOT.realise(space, np.append(space.nominal[:-1], lag_s), FEET))
+    blocks = _believe(straight, [100, 150, 171, 300], belief)
+    effort = np.concatenate([block.effort[:, ROBOT.layout.joint_dof] for block in blocks])
+    own = slice(2, -2)  # nothing is known from before the first block and after the last
+    np.testing.assert_allclose(effort[own].T, np.tile(100.0 * (ramp[100:300][own] + lag_s), (8, 1)), atol=1e-12)
+    rates = np.concatenate([block.motion.effort_rate[:, ROBOT.layout.joint_dof] for block in blocks])
+    np.testing.assert_allclose(rates[REACH + 2 : -REACH - 2], 100.0, rtol=1e-9)
 
 
 def _columns(block: BelievedBlock) -> dict[str, FloatArray]:

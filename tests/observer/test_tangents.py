@@ -14,7 +14,7 @@ from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
 from massid.observer.replay import replay_block
 from massid.observer.tangents import TangentFilter
-from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.parameters import ALL, Kind, Parameter, ParameterSpace
 from massid.realisation import write_fields
 from massid.robot import Robot
 from massid.typing import FloatArray
@@ -65,6 +65,18 @@ def test_a_tangent_is_the_derivative_that_a_pair_of_models_shows(
     else:
         # The linearisation is held over five samples and taken at the measured state.
         np.testing.assert_allclose(column, expected, atol=0.03 * scale)
+
+
+@pytest.mark.parametrize("kind", [Kind.EFFORT_LAG, Kind.WRENCH_LAG])
+def test_a_lags_tangent_is_the_derivative_that_later_readings_show(kind: Kind, pushed: Pushed) -> None:
+    """An instrument, too: slopes of the samples around against those between a sample and the next."""
+    space, step = ParameterSpace((Parameter.mass("r_thigh", 4.0), Parameter.nuisance(kind, ALL, 1e-3))), 1e-4
+    before, after = (_errors(pushed, space, np.array([[4.0, sign * step]])).values[0] for sign in (-1, 1))
+    expected = (after - before) / (2.0 * step)
+    column = _errors(pushed, space, np.array([[4.0, 0.0]])).tangents[1]
+    assert np.abs(column).max() > 0.0
+    assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.02)
+    assert np.sum(column * expected) == pytest.approx(np.sum(expected * expected), rel=0.02)
 
 
 def test_sampled_and_tangent_parameters_meet_in_one_quadratic(pushed: Pushed) -> None:

@@ -114,17 +114,31 @@ def cramer_rao(
     order = robot.layout.to_qvel
     variance = np.concatenate([order(std[:n_v] ** 2), order(std[n_v:] ** 2)])
     recursion = SensitivityRecursion(plant.from_output(), variance)
+    rates = _rates(walk)
     loaded = np.asarray(walk.wrench.any(axis=2)) | (not gate)
     for segment in walk.segments:
         recursion.restart()
         for k in range(segment.start, segment.stop - 1):
             if (k - segment.start) % hold_steps == 0:
                 plant.linearise(walk, k)
-            recursion.step(plant.transition, plant.process_noise(noise, loaded[k]), plant.effects(walk, k, loaded[k]))
+            recursion.step(
+                plant.transition, plant.process_noise(noise, loaded[k]), plant.effects(walk, k, loaded[k], rates[k])
+            )
     information = recursion.information + np.diag(space.prior_precision)
     if gate:
         information += np.diag(_shown_in_the_air(space, walk, loaded, noise))
     return Bound(space, _inverse(information), gate)
+
+
+def _rates(walk: Walk) -> FloatArray:
+    """Slopes of joint torques and wrenches, shape (n, n_inputs) [per s]; zero where a segment has no slope."""
+    inputs = np.hstack([walk.effort, walk.wrench.reshape(len(walk), -1)])
+    out = np.zeros_like(inputs)
+    for segment in walk.segments:
+        rows = slice(segment.start, segment.stop)
+        if len(segment) > 1:
+            out[rows] = np.gradient(inputs[rows], walk.timestep_s, axis=0)
+    return out
 
 
 def _inverse(information: FloatArray) -> FloatArray:
@@ -163,7 +177,7 @@ class _Plant:
         self._robot, self._space, self._bodies = robot, space, contact_bodies
         self._inertial = [k for k, parameter in enumerate(space.parameters) if parameter.is_inertial]
         self._body_steps = BODY_STEP * space.scale[self._inertial]
-        known = (Kind.ENCODER_OFFSET, *_ON_INPUTS)
+        known = (Kind.ENCODER_OFFSET, Kind.EFFORT_LAG, Kind.WRENCH_LAG, *_ON_INPUTS)
         unknown = [p.name for p in space.parameters if not p.is_inertial and p.kind not in known]
         if unknown:
             raise BadInputError(
@@ -230,10 +244,11 @@ class _Plant:
         scaled = self._inputs * std
         return np.asarray(scaled @ scaled.T)
 
-    def effects(self, walk: Walk, k: int, loaded: BoolArray) -> FloatArray:
+    def effects(self, walk: Walk, k: int, loaded: BoolArray, rates: FloatArray) -> FloatArray:
         """What the parameters add to the state in the step from sample k, C, shape (2 nv, n_p).
 
-        A reading is (1 + gain) input + offset: with a larger offset or gain the same reading means a smaller input.
+        A reading is (1 + gain) input + offset, of an input one lag earlier: with a larger offset or gain the same
+        reading means a smaller input; with a larger lag, what acts is read later.
         """
         out = np.zeros((len(self.transition), len(self._space)))
         out[:, self._inertial] = self._from_bodies
@@ -241,6 +256,11 @@ class _Plant:
         acts = np.concatenate([np.ones(walk.effort.shape[1]), np.repeat(loaded, 6)])
         per_unit = np.where(self._is_gain, readings[self._sources], acts[self._sources])
         out[:, self._sensors] = -self._inputs[:, self._sources] * per_unit
+        n_joints = walk.effort.shape[1]
+        for column, parameter in enumerate(self._space.parameters):
+            if parameter.kind in (Kind.EFFORT_LAG, Kind.WRENCH_LAG):
+                late = slice(n_joints) if parameter.kind is Kind.EFFORT_LAG else slice(n_joints, None)
+                out[:, column] = self._inputs[:, late] @ (acts * rates)[late]
         return out
 
 

@@ -8,6 +8,7 @@ of torque and wrench sensors, and zero for the true ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -76,6 +77,11 @@ class InverseDynamics:
                 point = self._space.nominal.copy()
                 point[column] += step
                 out[:, :, column] = (self._forces(self._model_at(point), motion) - nominal) / step
+            elif parameter.kind is Kind.EFFORT_LAG:
+                out[:, :, column] = 0.0
+                out[:, self._robot.layout.joint_dof, column] = -motion.effort_rate  # what acts is what is read later
+            elif parameter.kind is Kind.WRENCH_LAG:
+                out[:, :, column] = -np.einsum("kvw,kw->kv", applied, motion.wrench_rate)
             elif parameter.kind is Kind.ENCODER_OFFSET:
                 out[:, :, column] = self._of_encoder(parameter, motion, nominal, applied)
             else:
@@ -99,7 +105,7 @@ class InverseDynamics:
         """The true position is the reading less the offset, shape (n, nv)."""
         qpos = motion.qpos.copy()
         qpos[:, self._robot.layout.joint_qpos[self._robot.sensor_column(parameter, ())]] -= ANGLE_STEP
-        moved = Motion(qpos, motion.qvel, motion.qacc, motion.effort, motion.wrench)
+        moved = replace(motion, qpos=qpos)
         change = self._forces(self._model, moved) - nominal
         change -= np.einsum("kvw,kw->kv", self._jacobians(moved) - applied, motion.wrench)
         return np.asarray(change / ANGLE_STEP)

@@ -30,6 +30,8 @@ class Motion:
         qacc: difference of velocities over the next sample period, shape (n, nv).
         effort: shape (n, n_joints) [N m or N].
         wrench: in the bodies' frames, shape (n, 6 n_contacts).
+        effort_rate: slope of the torques, shape (n, n_joints) [N m/s or N/s].
+        wrench_rate: slope of the wrenches, shape (n, 6 n_contacts).
     """
 
     qpos: FloatArray
@@ -37,6 +39,8 @@ class Motion:
     qacc: FloatArray
     effort: FloatArray
     wrench: FloatArray
+    effort_rate: FloatArray
+    wrench_rate: FloatArray
 
     def __len__(self) -> int:
         return len(self.qvel)
@@ -83,7 +87,8 @@ def _smooth(walk: Walk, layout: JointLayout, segment: Segment, cutoff_hz: float 
     qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
     qvel = layout.to_qvel(qvel)
     qacc = np.diff(qvel, axis=0) / walk.timestep_s
-    return Motion(layout.to_qpos(qpos)[kept], qvel[kept], qacc[kept], effort[kept], wrench[kept])
+    rates = [np.gradient(channel, walk.timestep_s, axis=0)[kept] for channel in (effort, wrench)]
+    return Motion(layout.to_qpos(qpos)[kept], qvel[kept], qacc[kept], effort[kept], wrench[kept], *rates)
 
 
 def _one_hemisphere(qpos: FloatArray) -> FloatArray:

@@ -25,6 +25,8 @@ class IdentifyOptions:
         other_links: relative standard deviation of the masses of links that are not asked for (noisy logs only).
         link_inertia: relative standard deviation of the rotational inertia, at its mass, of each link that is asked for
             (noisy logs only).
+        lag_s: standard deviation of the times by which torques and wrenches are stamped late (noisy logs only) [s]. The
+            default is half a cycle of a 1 kHz bus, what a reading waits for on average.
         threads: worker threads of the bank; 0 for one per processor.
         seed: seeds the sampling; the same seed gives the same result at any number of threads.
         search: how directions and steps are computed.
@@ -39,6 +41,7 @@ class IdentifyOptions:
     noise: NoisePreset | Literal["auto"] = "auto"
     other_links: float = 0.02
     link_inertia: float = 0.1
+    lag_s: float = 5e-4
     threads: int = 0
     seed: int = 0
     search: SearchOptions = field(default_factory=SearchOptions)
@@ -61,6 +64,7 @@ class IdentifyOptions:
             "forgetting_rate": self.forgetting_rate,
             "other_links": self.other_links,
             "link_inertia": self.link_inertia,
+            "lag_s": self.lag_s,
             "threads": self.threads,
             "seed": self.seed,
         }

@@ -15,7 +15,7 @@ from massid.log.walk import Walk
 from massid.log.white_noise import white_level
 from massid.noise import PRESETS, SensorNoise
 from massid.observer.contact_gate import is_unloaded
-from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.parameters import ALL, Kind, Parameter, ParameterSpace
 from massid.robot import Robot
 
 CLEAN_VELOCITY = 1e-4
@@ -90,6 +90,8 @@ def nuisances(
         (Kind.EFFORT_GAIN, robot.joint_names, noise.effort_gain),
         (Kind.ENCODER_OFFSET, robot.joint_names, noise.joint_position_offset),
         (Kind.WRENCH_GAIN, axes, noise.wrench_gain),
+        (Kind.EFFORT_LAG, (ALL,), options.lag_s),
+        (Kind.WRENCH_LAG, (ALL,), options.lag_s),
     ]
     found = [Parameter.nuisance(kind, name, std) for kind, names, std in slow if std > 0.0 for name in names]
     if noise.force_offset > 0.0:

@@ -36,6 +36,8 @@ class Motion:
         acceleration: slope of the measured velocities, shape (n, nv) [rad/s^2 or m/s^2].
         effort: joint torques as generalised forces, zero at the base, shape (n, nv) [N m or N].
         wrench: zero where it is known to be, shape (n, 6 n_contacts) [N, N m].
+        effort_rate: slope of the torques, shape (n, nv) [N m/s or N/s].
+        wrench_rate: slope of the wrenches, zero where they are known to be, shape (n, 6 n_contacts) [N/s, N m/s].
     """
 
     position: FloatArray
@@ -43,6 +45,8 @@ class Motion:
     acceleration: FloatArray
     effort: FloatArray
     wrench: FloatArray
+    effort_rate: FloatArray
+    wrench_rate: FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +94,7 @@ class InputBelief:
         return np.zeros(()) if self._stick_slip is None else self._stick_slip.sticking_variance
 
     def place(self, realisation: Realisation) -> None:
-        """Take the parameters of the first of N models."""
+        """Take the parameters of the first of N models; lags are the same in all of them."""
         self._sensors = realisation.sensors
         if self._stick_slip is not None:
             self._stick_slip.place(realisation)
@@ -110,7 +114,11 @@ class InputBelief:
         if block.ahead is not None:
             parts.append((block.ahead.qpos[:-1], block.ahead.qvel[:-1], block.ahead.effort, block.ahead.wrench))
         qpos, qvel, effort, wrench = (np.vstack([part[i] for part in parts]) for i in range(4))
+        if self._sensors is not None:
+            effort = _read_later(effort, self._sensors.effort_lag[0, 0] / self._timestep_s)
+            wrench = _read_later(wrench, self._sensors.wrench_lag[0, 0] / self._timestep_s)
         own = slice(first, first + n)
+        readings = effort[own], wrench[own]
         loaded = np.repeat(~is_unloaded(wrench, self._noise, self._timestep_s), 6, axis=1).astype(np.float64)
         qpos, effort, wrench = self._corrected(qpos, effort, wrench)
         wrench = wrench * loaded
@@ -127,8 +135,8 @@ class InputBelief:
         return BelievedBlock(
             qpos=block.qpos,
             qvel=block.qvel,
-            effort=block.effort,
-            wrench=block.wrench * loaded[own],
+            effort=readings[0],
+            wrench=readings[1] * loaded[own],
             loaded=loaded[own],
             friction=by_dof,
             sticking=sticking,
@@ -138,6 +146,8 @@ class InputBelief:
                 acceleration=_slope(qvel, own, spans) / self._timestep_s,
                 effort=_level(effort, own, spans),
                 wrench=_level(wrench, own, spans) * loaded[own],
+                effort_rate=_slope(effort, own, spans) / self._timestep_s,
+                wrench_rate=_slope(wrench, own, spans) / self._timestep_s * loaded[own],
             ),
         )
 
@@ -153,6 +163,16 @@ class InputBelief:
         effort[:, self._joint_dof] -= sensors["effort_offset"]
         effort[:, self._joint_dof] /= 1.0 + sensors["effort_gain"]
         return qpos, effort, (wrench - sensors["wrench_offset"]) / (1.0 + sensors["wrench_gain"])
+
+
+def _read_later(rows: FloatArray, samples: float) -> FloatArray:
+    """Rows as they are so many samples later, between samples on a straight line; at the end the last one is held."""
+    if samples == 0.0:
+        return rows
+    below = int(np.floor(samples))
+    share = samples - below
+    first, second = (np.clip(np.arange(len(rows)) + below + k, 0, len(rows) - 1) for k in (0, 1))
+    return np.asarray((1.0 - share) * rows[first] + share * rows[second])
 
 
 def _level(rows: FloatArray, own: slice, spans: Spans) -> FloatArray:

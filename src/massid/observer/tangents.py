@@ -89,6 +89,10 @@ class TangentFilter:
                     out[:, columns] = -linear.from_effort[:, source]
                 case Kind.EFFORT_GAIN:
                     out[:, columns] = -linear.from_effort[:, source] * torque[source]
+                case Kind.EFFORT_LAG:  # what acts is what is read later
+                    out[:, columns] = (linear.from_force @ block.motion.effort_rate[k])[:, None]
+                case Kind.WRENCH_LAG:
+                    out[:, columns] = (linear.from_wrench @ block.motion.wrench_rate[k])[:, None]
                 case Kind.WRENCH_OFFSET:
                     out[:, columns] = -linear.from_wrench[:, source] * block.loaded[k, source]
                 case Kind.WRENCH_GAIN:

@@ -22,6 +22,8 @@ _CHANNELS = 12
 _KINDS = {
     "effort_offset": "torque offsets",
     "effort_gain": "torque gains",
+    "effort_lag": "lag of the torques",
+    "wrench_lag": "lag of the wrenches",
     "encoder_offset": "encoder offsets",
     "wrench_offset": "force offsets",
     "wrench_gain": "wrench gains",
