@@ -61,7 +61,7 @@ SEES = {
         "typing",
     },
     "walking": {"robot", "errors", "typing"},
-    "audit": {"robot", "kinematics", "log", "errors", "typing"},
+    "audit": {"robot", "kinematics", "noise", "log", "errors", "typing"},
     "baseline": {"layout", "noise", "realisation", "robot", "log", "parameters", "errors", "typing"},
     "plant": {
         "model_file",

@@ -16,7 +16,7 @@ from massid.audit.lag import estimate_lag
 from massid.audit.self_contact import without_samples
 from massid.log import Segment, Walk
 from massid.log.conventions import to_body
-from massid.noise import PRESETS, Sensors
+from massid.noise import PRESETS, NoisePreset, Sensors
 from massid.robot import Robot
 from massid.unknowns import mass_space
 from tests.conftest import Pushed
@@ -44,11 +44,43 @@ def test_a_sound_log_gives_no_warning_whatever_the_masses(log: Pushed) -> None:
     assert audit.walk.segments == log.walk.segments
 
 
-def test_sensor_noise_alone_raises_no_suspicion(log: Pushed) -> None:
-    sensors = Sensors(PRESETS["white"], len(log.robot.joint_names), log.walk.contact_bodies, np.random.default_rng(3))
-    audit = audit_walk(log.robot, sensors.measure(log.walk))
-    assert audit.warnings == ()
-    assert not audit.clean
+@pytest.fixture(scope="module")
+def standing(log: Pushed) -> Walk:
+    return push_about(log.robot, log.space, log.truth, seconds=1.0, amplitude=0.0)
+
+
+def _measured(walk: Walk, preset: NoisePreset, seed: int = 3) -> Walk:
+    return Sensors(PRESETS[preset], len(walk.joint_names), walk.contact_bodies, np.random.default_rng(seed)).measure(
+        walk
+    )
+
+
+@pytest.mark.parametrize("preset", ["white", "realistic", "harsh"])
+@pytest.mark.parametrize("seed", [3, 4])
+def test_sensors_errors_alone_raise_no_suspicion(preset: NoisePreset, seed: int, log: Pushed, standing: Walk) -> None:
+    """Offsets are large beside the forces that change while a robot stands still."""
+    for walk in (log.walk, standing):
+        audit = audit_walk(log.robot, _measured(walk, preset, seed))
+        assert audit.warnings == ()
+        assert not audit.clean
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_faults_show_through_the_errors_of_sensors(moving: bool, log: Pushed, standing: Walk) -> None:
+    walk = _measured(log.walk if moving else standing, "realistic")
+    wrench = walk.wrench.copy()
+    wrench[:, 1] = 0.0
+    for wrong in (replace(walk, effort=-walk.effort), replace(walk, effort=1.5 * walk.effort)):
+        (warning,) = audit_walk(log.robot, wrong).warnings
+        assert "explained neither by the log nor by any link masses" in warning
+    warnings = audit_walk(log.robot, replace(walk, wrench=wrench)).warnings
+    assert any("explained neither by the log nor by any link masses" in line for line in warnings)
+
+
+@pytest.mark.parametrize("share", [0.7, 1.3])
+def test_a_log_without_noise_is_allowed_no_offsets(share: float, log: Pushed) -> None:
+    (warning,) = audit_walk(log.robot, replace(log.walk, effort=share * log.walk.effort)).warnings
+    assert "explained neither by the log nor by any link masses" in warning
 
 
 def test_masses_that_fit_the_balance_are_the_true_ones(log: Pushed) -> None:

@@ -11,6 +11,7 @@ from massid.audit.balance import Balance
 from massid.kinematics import body_rotations
 from massid.log.walk import Walk
 from massid.log.white_noise import white_level
+from massid.noise import PRESETS
 from massid.robot import Robot
 from massid.typing import FloatArray
 
@@ -20,6 +21,10 @@ TILT_RAD = 0.17
 _MARGIN = 1.3  # noise levels read off a log are this uncertain
 REST = 0.05
 """Share of the required force that inputs and any link masses may leave over before it is worth a warning."""
+_SLOW = PRESETS["realistic"]
+"""Offsets and gains, which no log shows, are taken to be in proportion to the white noise, which it does show."""
+_SURE = 2.0
+"""They are the same all along, so their sum of squares scatters more than that of noise: allowed in deviations."""
 _EXACT = 1e-6
 _RUNGE_KUTTA = (
     "the model integrates with RK4, whose step has no single torque and wrench; a simulation with Euler or "
@@ -131,7 +136,8 @@ def check_rest(robot: Robot, walk: Walk, balance: Balance) -> Rest:
     share = left(required - effort - wrench)
     rest = balance.unexplained(required - effort - wrench).reshape(-1, balance.required.shape[1])
     joints = _by_joint(robot, rest, required.reshape(rest.shape))
-    if share <= np.hypot(REST, _noise_of(robot, walk, balance, len(rest)) / size):
+    noise = np.hypot(_noise_of(robot, walk, balance, len(rest)), _SURE * _slow_errors(robot, walk, balance))
+    if share <= np.hypot(REST, noise / size):
         return Rest(share, joints, _of_integrator(robot, share))
     trials = {
         "the forces look as if they were those on the ground (contacts: on: ground)": required - effort + wrench,
@@ -166,6 +172,23 @@ def _noise_of(robot: Robot, walk: Walk, balance: Balance, count: int) -> float:
     mujoco.mj_fullM(robot.model, data, inertia)
     force = np.linalg.norm(inertia * std, axis=1) * roughness / walk.timestep_s
     return float(_MARGIN * np.sqrt(count) * np.linalg.norm(force * balance.weight))
+
+
+def _slow_errors(robot: Robot, walk: Walk, balance: Balance) -> float:
+    """Norm of what offsets and gains of torque and force sensors leave unexplained, weighted as the balance is."""
+    slow = _SLOW.scaled(white_level(walk.qvel[:, 6:]) / _SLOW.joint_velocity)
+    steps = np.ones((len(balance.rows), 1))
+    effort, wrench = walk.effort[balance.rows], walk.wrench[balance.rows].reshape(len(steps), -1)
+    jacobian = balance.jacobian.reshape(len(steps), -1, robot.model.nv)
+    sources: list[FloatArray] = []
+    for column, dof in enumerate(robot.layout.joint_dof):
+        unit = np.eye(robot.model.nv)[dof]
+        sources += [slow.effort_offset * steps * unit, slow.effort_gain * effort[:, column, None] * unit]
+    for column in range(wrench.shape[1]):
+        sources.append(slow.wrench_gain * wrench[:, column, None] * jacobian[:, column])
+        if column % 6 < 3:
+            sources.append(slow.force_offset * jacobian[:, column])
+    return float(np.sqrt(sum(np.sum(balance.unexplained(balance.smooth(force)) ** 2) for force in sources)))
 
 
 def wrench_shape(balance: Balance) -> tuple[int, int, int, int]:
