@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -157,8 +157,15 @@ class Foreign:
         gone = set(rows)
         self.messages[topic] = [m for row, m in enumerate(self.messages[topic]) if row not in gone]
 
-    def write(self, *, little_endian: bool = True, schema_encoding: str = "ros2msg", **options: Any) -> Path:
-        """Write topic after topic; `options` are those of mcap's writer."""
+    def write(
+        self,
+        *,
+        little_endian: bool = True,
+        schema_encoding: str = "ros2msg",
+        log_times: Mapping[int, int] | None = None,
+        **options: Any,
+    ) -> Path:
+        """Write topic after topic; `log_times` by row differ from the stamps, `options` are those of mcap's writer."""
         settings: dict[str, Any] = {"chunk_size": 4096, "compression": CompressionType.LZ4, **options}
         with self.path.open("wb") as stream:
             writer = Writer(stream, **settings)
@@ -168,9 +175,9 @@ class Foreign:
                 text, _ = self.store.generate_msgdef(name, ros_version=2)
                 schema = writer.register_schema(name, schema_encoding, text.encode())
                 channel = writer.register_channel(topic, "cdr", schema)
-                for message in messages:
+                for row, message in enumerate(messages):
                     data = bytes(self.store.serialize_cdr(message, name, little_endian=little_endian))
                     stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-                    writer.add_message(channel, stamp, data, stamp)
+                    writer.add_message(channel, (log_times or {}).get(row, stamp), data, stamp)
             writer.finish()
         return self.path

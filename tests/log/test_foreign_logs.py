@@ -8,6 +8,7 @@ from mcap.writer import CompressionType
 
 from massid.errors import LogError
 from massid.log import Segment, load_topics, read_walk
+from massid.log.summary import summarise_log
 from tests.log.samples import JOINTS, START_NS, STEP_NS, TYPES, assert_same, make_samples
 
 N = 40
@@ -307,6 +308,24 @@ def test_one_wild_stamp_costs_one_sample(foreign):
         assert_same(walk, make_samples(N), np.delete(np.arange(N), 13))
         assert walk.segments == (Segment(0, 13), Segment(13, N - 1))
         assert any("/odom: stamps jump back 1 times" in line for line in walk.warnings)
+
+
+NEVER_NS = (1 << 64) - 1
+
+
+def test_a_log_time_that_is_no_time_costs_its_samples_only_where_log_times_count(foreign, tmp_path):
+    (tmp_path / "map.yaml").write_text("preset: massid\nclock: log\n")
+    by_log = load_topics(tmp_path / "map.yaml")
+    some, all_rows = {13: NEVER_NS}, dict.fromkeys(range(N), 1 << 63)
+    log = foreign(N)
+    for log_times in (some, all_rows):
+        assert_same(read_walk(log.write(log_times=log_times)), make_samples(N))
+    walk = read_walk(log.write(log_times=some), by_log)
+    assert_same(walk, make_samples(N), np.delete(np.arange(N), 13))
+    assert any("log times of 2^63 ns or more" in w and "1 of 40" in w for w in walk.warnings)
+    assert any("/odom: 1 of 40 log times are 2^63 ns or more" in w for w in summarise_log(log.path).warnings)
+    with pytest.raises(LogError, match=r"/odom: log times of 2\^63 ns or more, .* \(40 of 40 samples are like that\)"):
+        read_walk(log.write(log_times=all_rows), by_log)
 
 
 def test_a_clock_set_back_cuts_the_walk(foreign):

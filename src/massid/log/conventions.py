@@ -7,6 +7,8 @@ import numpy as np
 from massid.typing import FloatArray
 
 NANOSECONDS = 1_000_000_000
+LATEST_NS = (1 << 63) - 1
+"""The last time that stamps hold, in the year 2262; a log time after it is read as this and never used."""
 
 
 def wxyz_to_xyzw(quaternion: FloatArray) -> FloatArray:

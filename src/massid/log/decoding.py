@@ -12,7 +12,7 @@ import numpy as np
 
 from massid.log.cdr import CdrError, Layout, parse_schema, trace
 from massid.log.container import MESSAGE_HEAD, TopicInfo
-from massid.log.conventions import NANOSECONDS
+from massid.log.conventions import LATEST_NS, NANOSECONDS
 from massid.log.paths import PathError, Pick, find_paths
 from massid.log.protobuf import ProtobufError, ProtobufMessages
 from massid.typing import AnyArray, FloatArray, IntArray
@@ -26,7 +26,6 @@ _MAX_DEPTH = 32
 _LONGEST_REASON = 400
 _LOG_TIME_OFFSET = 6  # in the head of a message record: after channel and sequence
 _LOG_TIME = struct.Struct("<Q")
-_LAST_NS = (1 << 63) - 1
 _LAYOUTS_KEPT = 15  # texts that change in every message must not make the search for a known layout long
 
 
@@ -219,7 +218,7 @@ class TreeDecoder:
                 yield self._block(shape, texts, gathered)
                 gathered = []
             shape, texts = found, here
-            log_ns = min(_LOG_TIME.unpack_from(record, _LOG_TIME_OFFSET)[0], _LAST_NS)
+            log_ns = min(_LOG_TIME.unpack_from(record, _LOG_TIME_OFFSET)[0], LATEST_NS)
             gathered.append((log_ns, numbers))
         if gathered and shape is not None:
             yield self._block(shape, texts, gathered)
@@ -278,7 +277,7 @@ def _flatten(tree: Any) -> tuple[dict[str, Any], dict[str, tuple[str, ...]]]:
 
 def _number(value: float) -> float:
     """Keep a number that NumPy can hold; a JSON integer can be of any size."""
-    return value if isinstance(value, float) or abs(value) < _LAST_NS else float("inf")
+    return value if isinstance(value, float) or abs(value) < LATEST_NS else float("inf")
 
 
 def _length(value: Any) -> int | None:
@@ -287,7 +286,7 @@ def _length(value: Any) -> int | None:
 
 def _stamp_ns(seconds: Any, nanoseconds: Any) -> int:
     total = float(seconds) * NANOSECONDS
-    if not abs(total) < _LAST_NS / 2 or not abs(float(nanoseconds)) < _LAST_NS / 2:
+    if not abs(total) < LATEST_NS / 2 or not abs(float(nanoseconds)) < LATEST_NS / 2:
         return 0
     return int(seconds) * NANOSECONDS + int(nanoseconds)
 
@@ -300,7 +299,7 @@ def _stamp_paths(counts: Mapping[str, int | None]) -> tuple[str, str] | None:
 
 
 def _signed(stamps: AnyArray) -> IntArray:
-    return np.minimum(stamps, np.uint64(_LAST_NS)).astype(np.int64)
+    return np.minimum(stamps, np.uint64(LATEST_NS)).astype(np.int64)
 
 
 def _part(values: AnyArray, part: slice | None) -> AnyArray:

@@ -12,7 +12,7 @@ from massid.errors import LogError, printable
 from massid.log.alignment import Alignment, Stream, align
 from massid.log.columns import TopicColumns
 from massid.log.container import NO_CHECKSUM, Contents, TopicInfo, read_messages
-from massid.log.conventions import NANOSECONDS
+from massid.log.conventions import LATEST_NS, NANOSECONDS
 from massid.log.roles import Signal, read_base, read_contact, read_joints
 from massid.log.schemas import JOINT_STATE as JOINT_STATE_TYPE
 from massid.log.schemas import ODOMETRY, WRENCH_STAMPED
@@ -78,9 +78,9 @@ class _Reader:
         lag_s = self.topics.lag_s.get("wrench", 0.0)
         contacts = {name: read_contact(layout, columns, lag_s) for name, (layout, columns) in wrenches.items()}
         signals = [*base.signals, *joints.signals, *(contact.signal for contact in contacts.values())]
+        alignment = self.align(signals)
         for columns in {id(signal.columns): signal.columns for signal in signals}.values():
             self.warnings += columns.warnings()
-        alignment = self.align(signals)
         self.warnings += alignment.warnings
         metadata = dict(contents.metadata.get(METADATA_NAME, {}))
         self.check_metadata(metadata, alignment)
@@ -187,6 +187,10 @@ class _Reader:
         if lacking and clock is Clock.AUTO:
             self.warnings.append(f"no header stamps on {', '.join(lacking)}, so time is that of recording.")
         by_log = clock is Clock.LOG or bool(lacking)
+        if by_log:
+            for columns in topics.values():
+                late = columns.log_ns() == LATEST_NS
+                columns.leave_out(late, "log times of 2^63 ns or more, after the year 2262, are no times")
         streams: dict[str, Stream] = {}
         for signal in signals:
             header = signal.columns.header_ns()

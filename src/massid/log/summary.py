@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from massid.log.container import TopicInfo, read_messages
-from massid.log.conventions import NANOSECONDS
+from massid.log.conventions import LATEST_NS, NANOSECONDS
 from massid.typing import IntArray
 
 _LOG_TIME = struct.Struct("<6xQ")
 _GAP_PERIODS = 1.5
-_LAST_NS = (1 << 63) - 1
 
 
 @dataclass(frozen=True)
@@ -76,11 +75,17 @@ def summarise_log(path: Path | str) -> LogSummary:
 
     def receive(info: TopicInfo, records: list[bytes]) -> None:
         stamps = times.setdefault(info.topic, [])
-        stamps += [min(_LOG_TIME.unpack_from(record)[0], _LAST_NS) for record in records]
+        stamps += [min(_LOG_TIME.unpack_from(record)[0], LATEST_NS) for record in records]
 
     contents = read_messages(Path(path), lambda _: True, receive)
-    topics = [_summarise(info, np.array(times.get(topic, []), np.int64)) for topic, info in contents.topics.items()]
-    return LogSummary(tuple(topics), contents.metadata, contents.warnings)
+    topics, warnings = [], list(contents.warnings)
+    for topic, info in contents.topics.items():
+        stamps = np.array(times.get(topic, []), np.int64)
+        late = int((stamps == LATEST_NS).sum())
+        if late:
+            warnings.append(f"{topic}: {late} of {len(stamps)} log times are 2^63 ns or more, after the year 2262.")
+        topics.append(_summarise(info, stamps))
+    return LogSummary(tuple(topics), contents.metadata, tuple(warnings))
 
 
 def _summarise(info: TopicInfo, stamps: IntArray) -> TopicSummary:
