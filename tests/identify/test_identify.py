@@ -142,7 +142,7 @@ def test_json_has_truth_only_when_scored(pushed: Pushed, tmp_path: Path) -> None
 def test_a_truth_file_without_the_link_is_named(pushed: Pushed) -> None:
     result = identify_online(pushed.walk, pushed.robot, pushed.space, SHORT)
     with pytest.raises(BadInputError, match="no link named 'torso'"):
-        score(result, Truth({"pelvis": 1.0}, "walk.truth.json"))
+        score(result, Truth({"pelvis": 1.0}, source="walk.truth.json"))
 
 
 def test_identification_imports_neither_plant_nor_truth() -> None:

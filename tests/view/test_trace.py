@@ -3,10 +3,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
+from massid.identify.quantities import Quantity
 from massid.identify.result import Uncertainty
 from massid.noise import PRESETS
+from massid.score import Truth, score, with_score
 from massid.search.proposal import Role
 from massid.view.motion import sample_motion
 from massid.view.span import plot_end_s
@@ -77,6 +80,21 @@ def test_a_link_that_the_log_does_not_reveal_is_marked(online: Story) -> None:
     hidden = replace(trace, identifiable=np.arange(len(trace.links)) > 0)
     rows = table_markdown(hidden, 1, online.result, online.score).splitlines()
     assert [row.startswith(f"| {trace.links[0]} ") for row in rows if "not identifiable" in row] == [True]
+
+
+def test_what_else_was_asked_for_stands_below_the_masses_at_the_end(online: Story) -> None:
+    payload = Quantity("payload/torso@0,0,0", "kg", 0.0, 2.96, 0.1, True, ("payload/torso@0,0,0",))
+    com = replace(payload, name="com/torso/x", unit="m", estimate=0.5, identifiable=False)
+    result = replace(online.result, quantities=(payload, com))
+    truth = Truth(online.score.true_kg, {payload.name: 3.0})
+    scored, trace = score(result, truth), Trace.of(result, online.score)
+    before, after = (table_markdown(trace, update, result, scored) for update in (0, len(trace.updates)))
+    assert "payload" not in before
+    assert "| payload/torso@0,0,0 | 0.0000 | **2.9600** ±0.1960 | 3.0000 | kg |" in after
+    assert "| com/torso/x | 0.0000 | not identifiable |  | m |" in after
+    entry = with_score(result.to_json(), scored)["quantities"]
+    assert (entry[payload.name]["true"], entry[payload.name]["error"]) == (3.0, pytest.approx(-0.04))
+    assert "true" not in entry[com.name]
 
 
 def test_numbers_have_the_digits_they_deserve() -> None:

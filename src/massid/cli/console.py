@@ -71,17 +71,24 @@ def result_table(result: Result, scored: Score | None) -> Table:
     return table
 
 
-def quantity_table(result: Result) -> Table:
-    """What was asked for besides masses of links, each with its unit."""
+def quantity_table(result: Result, scored: Score | None) -> Table:
+    """What was asked for besides masses of links, each with its unit, and its error where the truth is known."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("also asked for")
     for title in ("model file", "estimate", "95 %") if result.uncertainty else ("model file", "estimate"):
+        table.add_column(title, justify="right")
+    true = scored.true_quantities if scored else {}
+    for title in ("true", "error") if true else ():
         table.add_column(title, justify="right")
     table.add_column("unit")
     for one in result.quantities:
         row = [one.name, f"{one.nominal:.4f}", f"{one.estimate:.5f}" if one.identifiable else "not identifiable"]
         if one.std is not None:
             row.append(f"+-{INTERVAL_95 * one.std:.4f}" if one.identifiable else "-")
+        if scored and true:
+            known = one.name in true
+            row.append(f"{true[one.name]:.4f}" if known else "-")
+            row.append(f"{scored.quantity_errors[one.name]:+.1e}" if known and one.identifiable else "-")
         table.add_row(*row, one.unit)
     return table
 
@@ -91,7 +98,7 @@ def print_result(result: Result, scored: Score | None) -> None:
     OUT.print(result_table(result, scored))
     if result.quantities:
         say("")
-        OUT.print(quantity_table(result))
+        OUT.print(quantity_table(result, scored))
     unit = "dwell windows" if result.mode == "online" else "passes over the log"
     speed = f"{result.log_s:.1f} s of walking in {result.wall_s:.1f} s"
     say(f"\n{result.status} after {len(result.windows)} {unit} ({speed})")

@@ -122,13 +122,15 @@ def _quantities(page: HtmlPage, document: Mapping[str, Any]) -> None:
     if not quantities:
         return
     page.heading("What else was asked for")
-    rows = []
+    rows, has_truth = [], any("true" in entry for entry in quantities.values())
     for name, entry in quantities.items():
         found = entry["estimate"]
         row = [name, f"{entry['nominal']:.4f}", "not identifiable" if found is None else f"{found:.4f}"]
         row.append("{:.4f} – {:.4f}".format(*entry["interval95"]) if "interval95" in entry else "–")
+        row += [f"{entry['true']:.4f}" if "true" in entry else "–"] if has_truth else []
         rows.append([*row, entry["unit"]])
-    page.table(["quantity", "model file", "estimate", "95 % interval", "unit"], rows)
+    head = ["quantity", "model file", "estimate", "95 % interval", *(["true"] if has_truth else []), "unit"]
+    page.table(head, rows)
 
 
 def _mass_chart(page: HtmlPage, links: Mapping[str, Any], reference: Mapping[str, Any] | None) -> None:

@@ -1,9 +1,11 @@
-"""The table of all links as text: what the file said, what was found, what is true."""
+"""The table of all links as text: what the file said, what was found, what is true; at the end, of all else, too."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from massid.identify.posterior import INTERVAL_95
+from massid.identify.quantities import Quantity
 from massid.identify.result import Result
 from massid.score import Score
 from massid.view.trace import Trace
@@ -28,6 +30,10 @@ def table_markdown(trace: Trace, update: int, result: Result, score: Score | Non
         "|:--|--:|--:|--:|--:|",
     ]
     lines += [_row(trace, update, k) for k in range(len(trace.links))]
+    if result.quantities and update == len(trace.updates):
+        true = score.true_quantities if score else {}
+        lines += ["", "| also asked for | model file | estimate | true | unit |", "|:--|--:|--:|--:|:--|"]
+        lines += [_quantity(one, true.get(one.name)) for one in result.quantities]
     return "\n".join(lines)
 
 
@@ -39,6 +45,13 @@ def _row(trace: Trace, update: int, k: int) -> str:
         f"| {trace.links[k]} | {trace.nominal_kg[k]:.3f} | **{trace.estimate_kg[update, k]:.3f}**{interval} "
         f"| {trace.reference_kg[k]:.3f} | {error if trace.identifiable[k] else f'{error} (not identifiable)'} |"
     )
+
+
+def _quantity(one: Quantity, true: float | None) -> str:
+    interval = "" if one.std is None else f" ±{INTERVAL_95 * one.std:.4f}"
+    found = f"**{one.estimate:.4f}**{interval}" if one.identifiable else "not identifiable"
+    known = "" if true is None else f"{true:.4f}"
+    return f"| {one.name} | {one.nominal:.4f} | {found} | {known} | {one.unit} |"
 
 
 def format_error(error_kg: float) -> str:
