@@ -12,8 +12,10 @@ import pytest
 from massid.audit import prepare_walk
 from massid.audit.limits import limit_suspicions
 from massid.identify import IdentifyOptions, identify_offline
+from massid.identify.sensing import resolve_noise
 from massid.log import Segment, Walk, WalkWriter
 from massid.log.refine import refined
+from massid.noise import PRESETS, Sensors
 from massid.robot import Robot
 from tests.conftest import Pushed
 
@@ -48,14 +50,14 @@ def test_a_lag_is_found_taken_off_and_said(pushed: Pushed, tmp_path: Path) -> No
     assert error_kg(prepared.walk, pushed) < 1e-3 * error_kg(replace(late, segments=(Segment(3, len(late)),)), pushed)
 
 
-def test_a_slow_log_is_put_on_the_models_step(pushed: Pushed, tmp_path: Path) -> None:
-    """Every second state, torques and wrenches averaged: finer steps make up for most of what is lost."""
+def _slow(pushed: Pushed) -> Walk:
+    """Every second state, torques and wrenches averaged."""
     n = len(pushed.walk) // 2 * 2
 
     def mean(values: np.ndarray) -> np.ndarray:
         return np.asarray(values[:n].reshape(n // 2, 2, *values.shape[1:]).mean(axis=1))
 
-    slow = replace(
+    return replace(
         pushed.walk,
         stamps_ns=pushed.walk.stamps_ns[:n:2],
         qpos=pushed.walk.qpos[:n:2],
@@ -65,11 +67,28 @@ def test_a_slow_log_is_put_on_the_models_step(pushed: Pushed, tmp_path: Path) ->
         timestep_s=2e-3,
         segments=(),
     )
+
+
+def test_a_slow_log_is_put_on_the_models_step(pushed: Pushed, tmp_path: Path) -> None:
+    """Finer steps make up for most of what is lost."""
+    slow = _slow(pushed)
     prepared = prepare_walk(write(slow, tmp_path / "walk.mcap"), pushed.robot)
     assert prepared.walk.timestep_s == pytest.approx(1e-3)
     np.testing.assert_allclose(prepared.walk.qpos[::2], slow.qpos, atol=1e-12)
     assert any("500 Hz is slower than the model's step" in line for line in prepared.walk.warnings)
     assert error_kg(prepared.walk, pushed) < 0.2 * error_kg(slow, pushed)
+
+
+def test_a_slow_log_with_noise_is_left_as_it_is(pushed: Pushed, tmp_path: Path) -> None:
+    """Interpolation would turn its noise into motion, and masses would be given without an interval."""
+    slow = _slow(pushed)
+    sensors = Sensors(PRESETS["white"], len(slow.joint_names), slow.contact_bodies, np.random.default_rng(0))
+    prepared = prepare_walk(write(sensors.measure(slow), tmp_path / "walk.mcap"), pushed.robot)
+    assert prepared.walk.timestep_s == pytest.approx(2e-3)
+    assert any("nothing was put between its samples" in line for line in prepared.walk.warnings)
+    noise = resolve_noise(prepared.walk, prepared.robot, IdentifyOptions())
+    assert noise is not None
+    assert noise.joint_velocity == pytest.approx(PRESETS["white"].joint_velocity, rel=0.2)
 
 
 def test_refining_keeps_samples_segments_and_transfers(pushed: Pushed) -> None:

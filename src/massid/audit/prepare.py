@@ -12,6 +12,7 @@ from massid.audit.report import Audit, audit_walk
 from massid.errors import BadInputError, LogError
 from massid.log import TopicMap, Walk, read_walk
 from massid.log.refine import refined
+from massid.log.white_noise import CLEAN_VELOCITY, white_level
 from massid.robot import Robot
 
 _MOST_STEPS = 10
@@ -52,7 +53,8 @@ def prepare_walk(
     topics = topics or TopicMap()
     walk = read_walk(path, topics) if walk is None else walk
     robot = robot.locked(_locked(robot, walk, topics))
-    factor = _steps_per_sample(robot, walk)
+    steps, noisy = _steps_per_sample(robot, walk), white_level(walk.qvel[:, 6:]) >= CLEAN_VELOCITY
+    factor = 1 if noisy else steps  # interpolated noise looks like motion, and the log like one without noise
     audit = audit_walk(robot, refined(walk, factor), thorough=thorough)
     notes: tuple[str, ...] = ()
     if factor > 1:
@@ -60,6 +62,12 @@ def prepare_walk(
             f"{walk.source}: {1 / walk.timestep_s:.6g} Hz is slower than the model's step of "
             f"{robot.model.opt.timestep:g} s; {factor - 1} states were put between samples by cubic interpolation, "
             "torques and wrenches held.",
+        )
+    elif steps > 1:
+        notes = (
+            f"{walk.source}: {1 / walk.timestep_s:.6g} Hz is slower than the model's step of "
+            f"{robot.model.opt.timestep:g} s; the log has sensor noise, so nothing was put between its samples, and "
+            "what changes within a period is not in the intervals.",
         )
     lag = audit.lag
     if lag is not None and lag.believed:

@@ -12,14 +12,12 @@ from massid.audit.one_step import one_step_residual
 from massid.identify.options import IdentifyOptions
 from massid.log.resampling import rotation_between
 from massid.log.walk import Walk
-from massid.log.white_noise import white_level
+from massid.log.white_noise import CLEAN_VELOCITY, white_level
 from massid.noise import PRESETS, SensorNoise
 from massid.observer.contact_gate import is_unloaded
 from massid.parameters import ALL, Kind, Parameter, ParameterSpace
 from massid.robot import Robot
 
-CLEAN_VELOCITY = 1e-4
-"""A log whose joint velocities have less white noise than this [rad/s] is taken for one without noise."""
 LEAST_SHARE = 0.01
 """Least noise of a state or a force in a log with noise, as a share of `white`."""
 

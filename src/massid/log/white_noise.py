@@ -9,6 +9,8 @@ from massid.typing import FloatArray
 _THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)
 _QUIET_QUANTILE, _QUIET_NORMAL = 0.25, 0.31864
 """The quarter of the samples that change least, and that quantile of |N(0, 1)|."""
+CLEAN_VELOCITY = 1e-4
+"""A log whose joint velocities have less white noise than this [rad/s] is taken for one without noise."""
 _FEWEST_FLIPS = 0.65
 """Third differences of white noise change sign 77 % of the time (correlation -3/4), those of a motion hardly ever."""
 
