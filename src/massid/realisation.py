@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -57,6 +57,16 @@ class Realisation:
     model_fields: Mapping[str, FloatArray]
     sensors: SensorErrors | None
     inertia_slopes: FloatArray
+
+    @property
+    def friction_loss(self) -> FloatArray | None:
+        """Of every degree of freedom, shape (N, nv); None where it is the model file's."""
+        return self.model_fields.get(FIELDS[Kind.FRICTION])
+
+    def without_friction(self) -> Realisation:
+        """The same for models whose friction loss is not the engine's concern."""
+        kept = {name: values for name, values in self.model_fields.items() if name != FIELDS[Kind.FRICTION]}
+        return replace(self, model_fields=kept)
 
 
 def write_fields(model: mujoco.MjModel, realisation: Realisation, index: int = 0) -> None:

@@ -84,6 +84,7 @@ def test_diverged_models_are_reported_and_the_others_go_on(pushed: Pushed, capfd
         """Feeds the error back with the wrong sign, far beyond stability, in every model that has an error."""
 
         carries_belief = False
+        judges_friction = False
 
         def place(self, realisation: Realisation) -> None: ...
 

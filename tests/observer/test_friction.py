@@ -9,7 +9,7 @@ from scipy.ndimage import minimum_filter1d
 
 from massid.log.walk import Segment
 from massid.noise import PRESETS, Sensors
-from massid.observer.friction import STICKING_S, StickSlip
+from massid.observer.friction import STICKING_S, Friction, StickSlip
 from massid.observer.replay import ReplayBlock, replay_block
 from massid.observer.spans import Spans
 from massid.realisation import write_fields
@@ -68,21 +68,22 @@ def _friction(model: mujoco.MjModel, block: ReplayBlock) -> FloatArray:
     return out
 
 
-def _judge(rubbing: Rubbing, block: ReplayBlock) -> tuple[FloatArray, FloatArray]:
-    return rubbing.stick_slip.torque(block.qpos[:-1], block.qvel[:-1], block.effort, block.wrench)
+def _judge(rubbing: Rubbing, block: ReplayBlock) -> Friction:
+    return rubbing.stick_slip.friction(block.qpos[:-1], block.qvel[:-1], block.effort, block.wrench)
 
 
 def test_where_friction_is_certain_it_is_the_engines_own(rubbing: Rubbing) -> None:
-    torque, uncertain = _judge(rubbing, rubbing.measured)
-    certain = uncertain == 0.0
+    judged = _judge(rubbing, rubbing.measured)
+    torque, certain = judged.torque, judged.sticking == 0.0
     assert 0.2 < certain.mean() < 0.9  # some joints slide, and every joint turns round now and then
     np.testing.assert_allclose(np.abs(torque[certain]), LOSS_NM, rtol=1e-3)
     # A joint that turns round and back within one average goes unnoticed.
     assert np.mean(np.abs(torque - rubbing.friction)[certain] < 1e-2 * LOSS_NM) > 0.99
+    np.testing.assert_allclose(judged.sliding * LOSS_NM, np.where(certain, torque, 0.0), atol=1e-3 * LOSS_NM)
 
 
 def test_a_joint_that_sticks_for_as_long_as_an_average_is_never_certain(rubbing: Rubbing) -> None:
-    _, uncertain = _judge(rubbing, rubbing.measured)
+    uncertain = _judge(rubbing, rubbing.measured).sticking
     sticks = minimum_filter1d((np.abs(rubbing.friction) < 0.99 * LOSS_NM).astype(int), WIDTH, axis=0) > 0
     assert sticks.any(axis=0).sum() >= 4
     assert uncertain[sticks].all()
@@ -96,9 +97,10 @@ def test_a_robot_at_rest_may_stick_in_every_joint(effort_nm: float, rubbing: Rub
     qpos = np.repeat(rubbing.block.qpos[:1], n, axis=0)
     qvel = np.concatenate([np.zeros((n, 6)), WHITE.joint_velocity * rng.normal(size=(n, 8))], axis=1)
     force = np.concatenate([np.zeros((n, 6)), np.full((n, 8), effort_nm)], axis=1)
-    torque, uncertain = rubbing.stick_slip.torque(qpos, qvel, force, np.zeros((n, 12)))
-    assert uncertain.all()
-    assert np.all(np.abs(torque) <= LOSS_NM * (1.0 + 1e-9))
+    judged = rubbing.stick_slip.friction(qpos, qvel, force, np.zeros((n, 12)))
+    assert judged.sticking.all()
+    assert not judged.sliding.any()
+    assert np.all(np.abs(judged.torque) <= LOSS_NM * (1.0 + 1e-9))
 
 
 def test_a_moment_of_doubt_spreads_over_the_average_that_it_is_part_of(rubbing: Rubbing) -> None:
@@ -107,11 +109,11 @@ def test_a_moment_of_doubt_spreads_over_the_average_that_it_is_part_of(rubbing: 
     qpos = np.repeat(rubbing.block.qpos[:1], n, axis=0)
     qvel = np.zeros((n, 14))
     qvel[:, dof] = 2.0
-    moving = rubbing.stick_slip.torque(qpos, qvel, np.zeros((n, 14)), np.zeros((n, 12)))[1]
+    moving = rubbing.stick_slip.friction(qpos, qvel, np.zeros((n, 14)), np.zeros((n, 12))).sticking
     np.testing.assert_array_equal(moving, 0.0)
     qvel[100, dof] = -28.0  # the average of one width becomes zero
-    stopped = np.flatnonzero(rubbing.stick_slip.torque(qpos, qvel, np.zeros((n, 14)), np.zeros((n, 12)))[1][:, 0])
-    np.testing.assert_array_equal(stopped, np.arange(101 - WIDTH, 100 + WIDTH))
+    judged = rubbing.stick_slip.friction(qpos, qvel, np.zeros((n, 14)), np.zeros((n, 12)))
+    np.testing.assert_array_equal(np.flatnonzero(judged.sticking[:, 0]), np.arange(101 - WIDTH, 100 + WIDTH))
 
 
 def test_joints_without_friction_loss_are_certain_to_have_none() -> None:
@@ -123,11 +125,11 @@ def test_joints_without_friction_loss_are_certain_to_have_none() -> None:
     stick_slip = StickSlip(robot.identification_model(FEET), robot.layout, WHITE)
     n = 50
     qpos = np.repeat(robot.layout.to_qpos(np.array([0, 0, 0.92, 1, 0, 0, 0, *[0.1] * 8]))[None], n, axis=0)
-    torque, uncertain = stick_slip.torque(qpos, np.zeros((n, 14)), np.zeros((n, 14)), np.zeros((n, 12)))
+    judged = stick_slip.friction(qpos, np.zeros((n, 14)), np.zeros((n, 14)), np.zeros((n, 12)))
     others = np.arange(8) != knee
-    assert not torque[:, others].any()
-    assert not uncertain[:, others].any()
-    assert uncertain[:, knee].all()
+    assert not judged.torque[:, others].any()
+    assert not judged.sticking[:, others].any()
+    assert judged.sticking[:, knee].all()
     np.testing.assert_array_equal(stick_slip.sticking_variance > 0.0, ~others)
 
 

@@ -34,6 +34,8 @@ CASES = [
     (Kind.WRENCH_OFFSET, "r_foot/4", 1e-3),
     (Kind.WRENCH_GAIN, "r_foot/2", 1e-4),
     (Kind.ENCODER_OFFSET, "l_knee", 1e-5),
+    (Kind.FRICTION, "r_hip_pitch", 1e-3),
+    (Kind.DAMPING, "l_knee", 1e-4),
 ]
 
 
@@ -46,6 +48,8 @@ def test_a_tangent_is_the_derivative_that_a_pair_of_models_shows(
         nominal = pushed.robot.nominal_mass_kg(target)
     elif kind is Kind.COM:
         nominal = float(pushed.robot.model.body("torso").ipos[0])
+    elif kind is Kind.DAMPING:
+        nominal = float(pushed.robot.model.joint(target).damping[0])
     sampled = Parameter(kind, target, nominal, nominal - 1.0, nominal + 1.0, scale=1.0)
     pair = np.array([[nominal], [nominal - step], [nominal + step]])
     errors = _errors(pushed, ParameterSpace((sampled,)), pair)
@@ -59,7 +63,7 @@ def test_a_tangent_is_the_derivative_that_a_pair_of_models_shows(
     assert scale > 0.0
     if kind is Kind.INERTIA_SCALE:  # shows in angular accelerations alone, of which an average keeps least
         assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.3)
-    elif sampled.is_inertial or kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN, Kind.ENCODER_OFFSET):
+    elif sampled.is_inertial or kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN, Kind.ENCODER_OFFSET, Kind.DAMPING):
         # Made of the motion around a sample, so as to share no noise with it: an instrument, not the derivative itself.
         assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.1)
     else:
@@ -136,7 +140,7 @@ def _errors(pushed: Pushed, space: ParameterSpace, points: FloatArray):  # type:
     model = pushed.robot.identification_model(contacts)
     lineariser = Lineariser(model, pushed.robot.layout)
     noise = PRESETS["white"]
-    inputs = InputBelief(model, pushed.robot.layout, noise)
+    inputs = InputBelief(model, pushed.robot.layout, noise, unknown_friction=True)
     injection = KalmanInjection(
         lineariser,
         pushed.robot.layout,

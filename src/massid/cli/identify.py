@@ -52,7 +52,7 @@ class Identify:
     payload: PayloadList = ()
     """Point masses that bodies may carry; the point is in the frame of the body [m], default its origin."""
     friction: OptionalLinks = None
-    """Joints whose friction loss is unknown, too; only from a log without noise."""
+    """Joints whose friction loss is unknown, too."""
     damping: OptionalLinks = None
     """Joints whose viscous damping is unknown, too."""
     topics: OptionalTopics = None

@@ -14,7 +14,7 @@ from massid.observer.inputs import InputBelief
 from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
 from massid.observer.tangents import TangentFilter
-from massid.parameters import ParameterSpace
+from massid.parameters import Kind, ParameterSpace
 from massid.robot import Robot
 from massid.search.quadratic import LocalQuadratic
 
@@ -58,7 +58,8 @@ def assemble(
     if noise is None:
         injection = InertiaShapedInjection(model, options.bandwidth_rad_s, options.damping_ratio)
     else:
-        beliefs = InputBelief(model, robot.layout, noise)
+        is_unknown = any(parameter.kind is Kind.FRICTION for parameter in space.parameters)
+        beliefs = InputBelief(model, robot.layout, noise, unknown_friction=is_unknown)
         model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
         lineariser = Lineariser(copy.copy(model), robot.layout)
         columns = TangentFilter(robot, space.parameters, contact_bodies, lineariser) if tangents else None

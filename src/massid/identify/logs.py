@@ -12,7 +12,7 @@ from massid.identify.options import IdentifyOptions
 from massid.identify.sensing import resolve_noise, with_nuisances
 from massid.log.walk import Walk
 from massid.noise import SensorNoise
-from massid.parameters import Kind, ParameterSpace
+from massid.parameters import ParameterSpace
 from massid.robot import Robot
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray, IntArray
@@ -64,12 +64,6 @@ def gather_logs(
     for one in given:
         walk = robot.align(one)
         noise = resolve_noise(walk, robot, options)
-        asked = [parameter.name for parameter in space.parameters if parameter.kind is Kind.FRICTION]
-        if noise is not None and asked:
-            raise BadInputError(
-                f"{walk.source} has sensor noise, in which friction cannot be told from joints that stick: leave out "
-                f"{', '.join(asked)}."
-            )
         own = space if noise is None else with_nuisances(space, robot, walk, noise, options)
         logs.append(Log(walk, noise, own))
     noisy = [log.walk.source for log in logs if log.noise is not None]

@@ -183,11 +183,11 @@ def foresee(
     """
     started = time.perf_counter()
     options = options or IdentifyOptions()
-    # Under sensor noise no model has friction of its own; what a clean log tells of it is judged after the fit.
-    space = ParameterSpace(tuple(parameter for parameter in space.parameters if parameter.kind is not Kind.FRICTION))
     logs = gather_logs(walks, robot, space, options)
     is_reference = logs[0].noise is None
     if is_reference:
+        # What a clean log tells of friction, in joints that surely slide or stick, is judged after the fit.
+        space = ParameterSpace(tuple(one for one in space.parameters if one.kind is not Kind.FRICTION))
         logs = gather_logs(walks, robot, space, replace(options, noise=REFERENCE))
     logs = tuple(replace(log, space=_all_tangent(log.space)) for log in logs)
     joint = join_spaces(logs)

@@ -59,6 +59,7 @@ class RobotBank:
         self._injected = np.zeros((n_models, model.nv))
         self._contact_bodies = tuple(contact_bodies)
         self._sensors: SensorErrors | None = None
+        self._more_friction: FloatArray | None = None
         self._points: FloatArray = np.repeat(space.nominal[None], n_models, axis=0)
         self._points_before = self._points
 
@@ -76,9 +77,11 @@ class RobotBank:
         """Write the parameters of each model; points has shape (n_models, n_p)."""
         self._points_before, self._points = self._points, points.copy()
         realisation = self.robot.realise(self.space, points, self._contact_bodies)
-        self._engine.write(realisation)
+        self._engine.write(realisation.without_friction() if self._injection.judges_friction else realisation)
         self._injection.place(realisation)
         self._sensors = realisation.sensors
+        losses = realisation.friction_loss
+        self._more_friction = None if losses is None else (losses - losses[0])[:, self.robot.layout.joint_dof]
 
     def restart(self, block: ReplayBlock, *, follows: bool = False) -> None:
         """Set every model to the first measured state of the block.
@@ -170,4 +173,6 @@ class RobotBank:
             engine.wrench[:] = (engine.wrench - sensors.wrench_offset) / (1.0 + sensors.wrench_gain)
         if isinstance(inputs, BelievedBlock):
             engine.force[:] += inputs.friction[k]
+            if self._more_friction is not None:  # than the first model has, whose friction the belief tells
+                engine.force[:, dof] += self._more_friction * inputs.sliding[k]
             engine.wrench[:] *= inputs.loaded[k]

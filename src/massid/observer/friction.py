@@ -10,6 +10,7 @@ friction loss for as long as the joint sticks, and counts as an unknown torque.
 from __future__ import annotations
 
 import copy
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -27,6 +28,32 @@ _SURE = 3.0
 """Deviations of an averaged velocity beyond which a joint surely moves."""
 _SATURATED = 0.999
 """Share of the friction loss at which friction has no reserve left; the engine's constraint is soft."""
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Dry friction of joints along a motion.
+
+    Attributes:
+        torque: shape (n, n_joints) [N m].
+        sticking: 1 where the joint may stick and its friction is not known, else 0, shape (n, n_joints).
+        sliding: direction of the torque, 1 or -1, where the joint surely slides, else 0; the derivative of the torque
+            by the friction loss, as far as it is known. Shape (n, n_joints).
+    """
+
+    torque: FloatArray
+    sticking: FloatArray
+    sliding: FloatArray
+
+    @classmethod
+    def none(cls, n: int, n_joints: int) -> Friction:
+        """Joints without friction."""
+        return cls(*np.zeros((3, n, n_joints)))
+
+    def rows(self, first: int, count: int) -> Friction:
+        """Some of the samples."""
+        own = slice(first, first + count)
+        return Friction(self.torque[own], self.sticking[own], self.sliding[own])
 
 
 class StickSlip:
@@ -63,10 +90,9 @@ class StickSlip:
     def place(self, realisation: Realisation) -> None:
         """Take the parameters of the first of N models."""
         write_fields(self._model, realisation)
+        self._loss = self._model.dof_frictionloss[self._joint_dof].copy()
 
-    def torque(
-        self, qpos: FloatArray, qvel: FloatArray, force: FloatArray, wrench: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
+    def friction(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray, wrench: FloatArray) -> Friction:
         """Friction of every joint, and where it is not certain.
 
         Args:
@@ -74,9 +100,6 @@ class StickSlip:
             qvel: measured velocities, shape (n, nv) [rad/s or m/s].
             force: measured torques as generalised forces, shape (n, nv) [N m or N].
             wrench: measured wrenches, shape (n, 6 n_contacts) [N, N m].
-
-        Returns:
-            torques, shape (n, n_joints) [N m], and 1 where the joint may stick or else 0, same shape.
         """
         qvel, force, wrench = (uniform_filter1d(x, self._width, axis=0, mode="mirror") for x in (qvel, force, wrench))
         model, data = self._model, self._data
@@ -90,4 +113,8 @@ class StickSlip:
         slides = np.abs(qvel[:, self._joint_dof]) > _SURE * self._velocity_std
         slides &= np.abs(torque) >= _SATURATED * self._loss
         uncertain = maximum_filter1d((~slides).astype(np.uint8), self._width, axis=0, mode="nearest")
-        return torque, np.where(self._loss > 0.0, uncertain, 0).astype(np.float64)
+        return Friction(
+            torque=torque,
+            sticking=np.where(self._loss > 0.0, uncertain, 0).astype(np.float64),
+            sliding=-np.sign(qvel[:, self._joint_dof]) * (1.0 - uncertain),
+        )

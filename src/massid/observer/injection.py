@@ -45,6 +45,8 @@ class OutputInjection(Protocol):
 
     carries_belief: ClassVar[bool]
     """Whether the state belief is carried from one dwell window to the next instead of being reset."""
+    judges_friction: ClassVar[bool]
+    """Whether it says what friction was, so that the models have none of their own."""
 
     def place(self, realisation: Realisation) -> None:
         """Take notice of the models' new parameters; the first of them is the centre."""
@@ -91,6 +93,7 @@ class InertiaShapedInjection:
     hold_steps: int = 10
 
     carries_belief: ClassVar[bool] = False
+    judges_friction: ClassVar[bool] = False
 
     def place(self, realisation: Realisation) -> None:
         """The gain keeps the shape of the nominal model."""

@@ -19,7 +19,7 @@ from scipy.ndimage import correlate1d
 from massid.layout import JointLayout
 from massid.noise import SensorNoise
 from massid.observer.contact_gate import is_unloaded
-from massid.observer.friction import StickSlip
+from massid.observer.friction import Friction, StickSlip
 from massid.observer.replay import ReplayBlock
 from massid.observer.spans import Spans
 from massid.realisation import Realisation, SensorErrors
@@ -57,12 +57,14 @@ class BelievedBlock(ReplayBlock):
         loaded: 0 where a wrench is known to be zero, else 1, shape (n, 6 n_contacts).
         friction: friction torques that act besides, zero at the base, shape (n, nv) [N m or N].
         sticking: 1 where a joint may stick and its friction is not known, shape (n, n_joints).
+        sliding: derivative of friction torques by friction losses, zero where it is not known, shape (n, n_joints).
         motion: what the columns of the Jacobian are made of.
     """
 
     loaded: FloatArray
     friction: FloatArray
     sticking: FloatArray
+    sliding: FloatArray
     motion: Motion
 
     def generalised_force(self, k: int) -> FloatArray:
@@ -77,15 +79,19 @@ class InputBelief:
         model: identification model with its friction loss.
         layout: addresses of the free joint and the one-axis joints.
         noise: of the sensors.
+        unknown_friction: whether friction losses are to be found, be they zero in the model.
     """
 
-    def __init__(self, model: mujoco.MjModel, layout: JointLayout, noise: SensorNoise) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, layout: JointLayout, noise: SensorNoise, *, unknown_friction: bool = False
+    ) -> None:
         self._noise = noise
         self._timestep_s = float(model.opt.timestep)
         self._spans = Spans.at(self._timestep_s)
         self._joint_qpos, self._joint_dof = layout.joint_qpos, layout.joint_dof
         self._sensors: SensorErrors | None = None
-        self._stick_slip = StickSlip(model, layout, noise) if np.any(model.dof_frictionloss > 0.0) else None
+        rubs = unknown_friction or bool(np.any(model.dof_frictionloss > 0.0))
+        self._stick_slip = StickSlip(model, layout, noise) if rubs else None
         self._before: tuple[FloatArray, ...] = ()
 
     @property
@@ -122,15 +128,14 @@ class InputBelief:
         loaded = np.repeat(~is_unloaded(wrench, self._noise, self._timestep_s), 6, axis=1).astype(np.float64)
         qpos, effort, wrench = self._corrected(qpos, effort, wrench)
         wrench = wrench * loaded
-        torque = np.zeros((n, len(self._joint_dof)))
-        sticking = np.zeros_like(torque)
+        rubbing = Friction.none(n, len(self._joint_dof))
         if self._stick_slip is not None:
             reach = self._stick_slip.reach
             near = slice(max(0, first - reach), first + n + reach)
-            torque, sticking = self._stick_slip.torque(qpos[near], qvel[near], effort[near], wrench[near])
-            torque, sticking = (rows[first - near.start :][:n] for rows in (torque, sticking))
+            rubbing = self._stick_slip.friction(qpos[near], qvel[near], effort[near], wrench[near])
+            rubbing = rubbing.rows(first - near.start, n)
         by_dof = np.zeros_like(block.effort)
-        by_dof[:, self._joint_dof] = torque
+        by_dof[:, self._joint_dof] = rubbing.torque
         spans = self._spans
         return BelievedBlock(
             qpos=block.qpos,
@@ -139,7 +144,8 @@ class InputBelief:
             wrench=readings[1] * loaded[own],
             loaded=loaded[own],
             friction=by_dof,
-            sticking=sticking,
+            sticking=rubbing.sticking,
+            sliding=rubbing.sliding,
             motion=Motion(
                 position=qpos[own],
                 velocity=_level(qvel, own, spans),

@@ -44,6 +44,7 @@ class KalmanInjection:
     """
 
     carries_belief: ClassVar[bool] = True
+    judges_friction: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -71,7 +72,7 @@ class KalmanInjection:
 
     def place(self, realisation: Realisation) -> None:
         """Linearise at the centre, the first of the models."""
-        self._lineariser.place(realisation)
+        self._lineariser.place(realisation.without_friction())
         self._inputs.place(realisation)
 
     def restart(self, *, follows: bool) -> None:

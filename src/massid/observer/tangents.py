@@ -97,6 +97,8 @@ class TangentFilter:
                     out[:, columns] = -linear.from_wrench[:, source] * block.loaded[k, source]
                 case Kind.WRENCH_GAIN:
                     out[:, columns] = -linear.from_wrench[:, source] * block.motion.wrench[k, source]
+                case Kind.FRICTION:
+                    out[:, columns] = linear.from_effort[:, source] * block.sliding[k, source]
                 case Kind.DAMPING:
                     out[:, columns] = -linear.from_effort[:, source] * speed[source]
                 case _:  # an encoder's offset acts on the measurement alone
