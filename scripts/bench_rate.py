@@ -1,0 +1,68 @@
+"""What a slower logger costs: mass errors and the deviations said, at 1000, 500 and 200 Hz.
+
+    python scripts/bench_rate.py walk0.mcap walk1.mcap ...
+
+The walks are clean, at 1 kHz, with NAME.truth.json beside them (`massid record`). Of their first 10 s every second or
+fifth state is kept; torques and wrenches are means over the period. White noise is drawn after that.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from accuracy.walks import cut
+from massid.assets import resolve_model
+from massid.identify import IdentifyOptions, identify_offline
+from massid.log import Walk, read_walk
+from massid.plant import sensors_of, truth_path
+from massid.robot import Robot
+from massid.score import Truth, score
+from massid.typing import FloatArray
+from massid.unknowns import mass_space
+
+SECONDS = 10.0
+STRIDES = (1, 2, 5)
+
+
+def decimated(walk: Walk, stride: int) -> Walk:
+    """Every so many states, and the means of what acted."""
+    n = len(walk) // stride * stride
+
+    def mean(values: FloatArray) -> FloatArray:
+        return np.asarray(values[:n].reshape(n // stride, stride, *values.shape[1:]).mean(axis=1))
+
+    return replace(
+        walk,
+        stamps_ns=walk.stamps_ns[:n:stride],
+        qpos=walk.qpos[:n:stride],
+        qvel=walk.qvel[:n:stride],
+        effort=mean(walk.effort),
+        wrench=mean(walk.wrench),
+        timestep_s=walk.timestep_s * stride,
+        segments=(),
+    )
+
+
+def main(paths: list[Path]) -> None:
+    """Print one line a rate."""
+    robot = Robot.load(resolve_model("atlas"))
+    space = mass_space(robot, robot.walking_links())
+    for stride in STRIDES:
+        found: list[tuple[float, float]] = []
+        for seed, path in enumerate(paths):
+            walk = decimated(robot.align(cut(read_walk(path), 0.0, SECONDS)), stride)
+            noisy = sensors_of(walk, "white", seed).measure(walk)
+            result = identify_offline(noisy, robot, space, IdentifyOptions(noise="white", other_links=0.0))
+            said = float(np.linalg.norm(list((result.std_kg or {}).values())))
+            found.append((float(score(result, Truth.load(truth_path(path))).l2_error_kg[-1]), said))
+        error, deviation = np.sqrt(np.mean(np.square(np.array(found)), axis=0))
+        sys.stdout.write(f"{1000 // stride} Hz: L2 error {error:.3f} kg, {deviation:.3f} kg said, {len(paths)} walks\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main([Path(argument) for argument in sys.argv[1:]])
