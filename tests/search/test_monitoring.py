@@ -129,3 +129,27 @@ def test_search_needs_no_mujoco() -> None:
     code = "import massid.search.guided, sys; assert 'mujoco' not in sys.modules and 'scipy' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
     assert GuidedSearch.__module__ == "massid.search.guided"
+
+
+def test_noise_in_the_instruments_is_not_taken_for_information() -> None:
+    """The root of the gradient scatters as the information says; the curvature alone would say a twenty-fifth."""
+    rng = np.random.default_rng(0)
+    derivative = 0.5 * rng.normal(size=2000)
+    proposal = Proposal(np.array([[0.0], [0.1], [-0.1]]), (Role.CENTRE, Role.SAMPLE, Role.SAMPLE))
+    roots, said, naive = [], [], []
+    for _ in range(200):
+        error = rng.normal(size=2000)
+        errors = OutputErrors(
+            values=(error + proposal.points * derivative)[:, :, None],
+            diverged=np.zeros(3, dtype=np.bool_),
+            tangents=(derivative + rng.normal(size=2000))[None, :, None],
+        )
+        scores = MonitoringFilter(3, timestep_s=1.0)
+        scores.update(errors)
+        raw = scores.result(proposal).window_quadratic()
+        quadratic = raw.symmetric()
+        roots.append(-quadratic.gradient[0] / quadratic.curvature[0, 0])
+        said.append(2.0 / quadratic.curvature[0, 0])
+        naive.append(2.0 / raw.curvature[0, 0])
+    assert np.mean(said) == pytest.approx(np.var(roots), rel=0.3)
+    assert np.mean(naive) < 0.1 * np.mean(said)

@@ -88,10 +88,11 @@ def _identify(logs: Sequence[Log], robot: Robot, options: IdentifyOptions, progr
             search = search.restarted()
     progress(1.0, "done")
     total = _total(scores).window_quadratic()
+    information = (total if prior is None else total + prior).shifted(search.estimate)
     parts = () if noise is None else tuple(score.window_quadratic() for score in scores)
     return conclude(
         robot,
-        Findings(space, search.estimate, iteration.quadratic.shifted(search.estimate), parts, noise, total),
+        Findings(space, search.estimate, information, parts, noise, total),
         trace,
         converged,
         LogFacts(

@@ -239,7 +239,8 @@ class OnlineIdentifier:
         iteration = self._search.tell(monitoring)
         samples = self._proposal.samples
         self._samples = samples[~monitoring.diverged[samples]]
-        window_quadratic = monitoring.window_quadratic()
+        # A window alone shows its slope too roughly.
+        window_quadratic = replace(monitoring.window_quadratic(), slope=None)
         self._last = window_quadratic
         if self._belief is None:
             self._information = self._information + window_quadratic

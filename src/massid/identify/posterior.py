@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from massid.parameters import ParameterSpace
-from massid.search.quadratic import LocalQuadratic
+from massid.search.quadratic import LocalQuadratic, inverse
 from massid.typing import FloatArray
 
 INTERVAL_95 = 1.959964
@@ -38,7 +38,8 @@ class ScoreScatter:
     """How much more the scores of windows seen once scatter than their noise explains, in constant memory.
 
     A window's score at the estimate that it met has the covariance I_W + I_W I_B^-1 I_W: noise of its own, and what the
-    belief B did not know. Scores are taken for the parameters asked for, once nuisances have made up for what they can.
+    belief B did not know. Scores count by what they do to the parameters asked for, once nuisances have made up for
+    what they can.
 
     Args:
         asked: number of parameters that were asked for; they come first.
@@ -55,25 +56,20 @@ class ScoreScatter:
 
     def add(self, belief: LocalQuadratic, window: LocalQuadratic) -> None:
         """Take in a window, before it is added to the belief that it met."""
-        before, own = 0.5 * belief.curvature, 0.5 * window.curvature
-        centre = belief.centre - _inverse(before) @ (0.5 * belief.gradient)
-        profile = _efficient(_inverse(before + own), self._asked)
-        score = 0.5 * profile @ window.shifted(centre).gradient
-        expected = profile @ (own + own @ _inverse(before) @ own) @ profile.T
-        self._found += float(score @ np.linalg.solve(expected, score))
+        known, own = inverse(0.5 * belief.curvature), 0.5 * window.curvature
+        influence = _influence(belief + window)[: self._asked]
+        effect = influence @ (0.5 * window.shifted(belief.centre - known @ (0.5 * belief.gradient)).gradient)
+        expected = influence @ (own + own @ known @ own) @ influence.T
+        self._found += float(effect @ np.linalg.solve(expected, effect))
         self._expected += self._asked
 
 
-def _inverse(information: FloatArray) -> FloatArray:
-    """Pseudo-inverse of an information matrix, whose diagonal is positive, in units in which that diagonal is 1."""
-    scale = np.sqrt(np.diagonal(information))
-    return np.asarray(np.linalg.pinv(information / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale))
-
-
-def _efficient(covariance: FloatArray, asked: int) -> FloatArray:
-    """Maps a score of all parameters to that of those asked for, with nuisances profiled out, shape (asked, n_p)."""
-    own, cross = covariance[:asked, :asked], covariance[:asked, asked:]
-    return np.hstack([np.eye(asked), np.linalg.solve(own, cross)])
+def _influence(total: LocalQuadratic) -> FloatArray:
+    """By how much a unit of score moves the estimate: M^-1, shape (n_p, n_p)."""
+    information = inverse(0.5 * total.symmetric().curvature)
+    if total.slope is None:
+        return information
+    return np.asarray(information @ (0.5 * total.slope).T @ inverse(0.5 * total.curvature))
 
 
 def posterior(
@@ -81,8 +77,8 @@ def posterior(
 ) -> Posterior:
     """Combine the Hessian of -2 log-likelihood and the scatter of the windows' scores.
 
-    Half the Hessian is the Fisher information if innovations are white. The windows' scores for the parameters asked
-    for, with the nuisances profiled out, should then scatter by as much as the information says; what they scatter
+    Half the Hessian is the Fisher information if innovations are white. What the windows' scores do to the parameters
+    asked for, with the nuisances profiled out, should then scatter by as much as the information says; what it scatters
     more inflates the covariance (the trace of the sandwich estimate).
 
     Args:
@@ -91,13 +87,13 @@ def posterior(
         windows: each window's own part, without the prior; none if they were not kept.
         inflation: what is known of it otherwise, at least 1.
     """
-    inverse = _inverse(0.5 * total.curvature)
+    covariance = inverse(0.5 * total.symmetric().curvature)
     asked = space.n_sampled
     if windows:
-        effective = np.linalg.inv(inverse[:asked, :asked])
-        profile = _efficient(inverse, asked)
-        scores = np.array([0.5 * profile @ window.shifted(total.centre).gradient for window in windows])
-        expected = sum(0.5 * profile @ window.curvature @ profile.T for window in windows)
-        scatter = np.trace(np.linalg.solve(effective, scores.T @ scores))
-        inflation = max(inflation, float(scatter / np.trace(np.linalg.solve(effective, expected))))
-    return Posterior(covariance=inflation * inverse, inflation=inflation)
+        influence = _influence(total)[:asked]
+        effects = np.array([influence @ (0.5 * window.shifted(total.centre).gradient) for window in windows])
+        expected = sum(0.5 * influence @ window.curvature @ influence.T for window in windows)
+        scatter = np.trace(np.linalg.solve(covariance[:asked, :asked], effects.T @ effects))
+        share = np.trace(np.linalg.solve(covariance[:asked, :asked], expected))
+        inflation = max(inflation, float(scatter / share))
+    return Posterior(covariance=inflation * covariance, inflation=inflation)

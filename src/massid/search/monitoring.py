@@ -138,17 +138,19 @@ class Monitoring:
 
         With D the samples' offsets from the centre and D+ its pseudo-inverse, the output error is taken as affine,
         y~(p_c + d) = y~_c + J d with J^T = D+ (Y~_samples - y~_c). Then mu = G_cc, its gradient 2 J^T y~_c and its
-        Hessian 2 J^T J are entries of T G T^T, with T built from D+. Columns of J that the bank supplies are used as
-        they are.
+        Hessian 2 J^T J are entries of T G T^T, with T built from D+. Columns Z that the bank supplies stand in for J's.
 
         Raises:
             DivergedBankError: see `require_finite`.
         """
         window = self.window_quadratic()
-        return window if self.prior is None else window + self.prior
+        return replace(window if self.prior is None else window + self.prior, slope=None)
 
     def window_quadratic(self) -> LocalQuadratic:
         """The part of `local_quadratic` that this window brought, from the models that stayed finite.
+
+        Where the bank supplies columns Z for what the samples span, too, the gradient's own slope 2 Z^T J comes with
+        it, made symmetric as it would be without noise.
 
         Raises:
             DivergedBankError: see `require_finite`.
@@ -171,10 +173,15 @@ class Monitoring:
         residual = -affine
         residual[np.arange(len(samples)), samples] += 1.0
         explained, unexplained = (np.einsum("ij,jk,ik->i", rows, self.gram, rows) for rows in (change, residual))
-        supplied = len(self.gram) - n_points
+        supplied, slope = len(self.gram) - n_points, None
         if supplied:
+            sampled = transform[1 : 1 + n_sampled].copy()
             transform[-supplied:] = 0.0
             transform[-supplied:, n_points:] = np.eye(supplied)
+            derivatives = transform[1:].copy()
+            derivatives[:n_sampled] = sampled
+            slope = transform[1:] @ self.gram @ derivatives.T
+            slope = slope + slope.T
         moments = transform @ self.gram @ transform.T
         return LocalQuadratic(
             centre=self.proposal.points[centre],
@@ -184,4 +191,5 @@ class Monitoring:
             explained=float(explained.mean()),
             misfit=float(max(unexplained.mean(), 0.0)),
             samples=self.samples,
+            slope=slope,
         )

@@ -8,6 +8,9 @@ import numpy as np
 
 from massid.typing import FloatArray, IntArray
 
+_BLIND = 1e-14
+"""Share of the largest eigenvalue below which one is rounding."""
+
 
 @dataclass(frozen=True)
 class LocalQuadratic:
@@ -21,6 +24,8 @@ class LocalQuadratic:
         explained: mean over the samples of |J d|^2, what they change in the output error as far as it is affine.
         misfit: mean over the samples of the squared rest.
         samples: number of scalar output errors behind it.
+        slope: derivative of the gradient, shape (n_p, n_p); None where it is the curvature. A gradient 2 Z^T y~ taken
+            with instruments Z has the slope 2 Z^T J; its covariance is twice 2 Z^T Z, which `curvature` then is.
     """
 
     centre: FloatArray
@@ -30,6 +35,7 @@ class LocalQuadratic:
     explained: float
     misfit: float
     samples: int
+    slope: FloatArray | None = None
 
     @classmethod
     def belief(cls, centre: FloatArray, precision: FloatArray) -> LocalQuadratic:
@@ -53,8 +59,25 @@ class LocalQuadratic:
             self,
             centre=centre,
             value=self.at(centre),
-            gradient=self.gradient + self.curvature @ (centre - self.centre),
+            gradient=self.gradient + self._slope @ (centre - self.centre),
         )
+
+    @property
+    def _slope(self) -> FloatArray:
+        return self.curvature if self.slope is None else self.slope
+
+    def symmetric(self) -> LocalQuadratic:
+        """The quadratic that is least where the gradient is zero, and half of whose Hessian is the information on that.
+
+        The root of a gradient with slope M and covariance N scatters by M^-1 N M^-T (the sandwich), so the information
+        is M^T N^-1 M. Instruments that have little in common with the derivatives, as where nothing moves, thus tell
+        little, however much noise they hold themselves.
+        """
+        if self.slope is None:
+            return self
+        weighted = self.slope.T @ inverse(self.curvature)
+        curvature = weighted @ self.slope
+        return replace(self, gradient=weighted @ self.gradient, curvature=0.5 * (curvature + curvature.T), slope=None)
 
     def marginal(self, kept: IntArray) -> LocalQuadratic:
         """What it says about some coordinates, the others having settled wherever they fit best.
@@ -62,6 +85,8 @@ class LocalQuadratic:
         For a belief that is minus twice the logarithm of a normal density this is the marginal's, by the Schur
         complement; the others' curvature must be positive definite.
         """
+        if self.slope is not None:
+            return self.symmetric().marginal(kept)
         rest = np.setdiff1d(np.arange(len(self.centre)), kept)
         lift = np.linalg.solve(self.curvature[np.ix_(rest, rest)], self.curvature[np.ix_(rest, kept)]).T
         settled = np.linalg.solve(self.curvature[np.ix_(rest, rest)], self.gradient[rest])
@@ -83,7 +108,11 @@ class LocalQuadratic:
         moved = self.shifted(centre[columns])
         gradient, curvature = np.zeros(len(centre)), np.zeros((len(centre), len(centre)))
         gradient[columns], curvature[np.ix_(columns, columns)] = moved.gradient, moved.curvature
-        return replace(moved, centre=centre, gradient=gradient, curvature=curvature)
+        slope = None
+        if moved.slope is not None:
+            slope = np.zeros_like(curvature)
+            slope[np.ix_(columns, columns)] = moved.slope
+        return replace(moved, centre=centre, gradient=gradient, curvature=curvature, slope=slope)
 
     def scaled(self, factor: float) -> LocalQuadratic:
         """The quadratic times a positive number: a weight, or a discount for age."""
@@ -94,6 +123,7 @@ class LocalQuadratic:
             curvature=factor * self.curvature,
             explained=factor * self.explained,
             misfit=factor * self.misfit,
+            slope=None if self.slope is None else factor * self.slope,
         )
 
     def __add__(self, other: LocalQuadratic) -> LocalQuadratic:
@@ -107,9 +137,19 @@ class LocalQuadratic:
             explained=self.explained + moved.explained,
             misfit=self.misfit + moved.misfit,
             samples=self.samples + moved.samples,
+            slope=None if self.slope is None and moved.slope is None else self._slope + moved._slope,
         )
 
     @property
     def lipschitz(self) -> float:
         """L of Eq. (12): the largest eigenvalue of the Hessian."""
         return float(np.linalg.eigvalsh(self.curvature)[-1])
+
+
+def inverse(information: FloatArray) -> FloatArray:
+    """Inverse of a positive semidefinite matrix, in units in which its diagonal is 1; huge where that is blind."""
+    scale = np.sqrt(np.diagonal(information))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
+    floored = np.maximum(values, _BLIND * max(float(values[-1]), np.finfo(float).tiny))
+    return np.asarray((vectors / floored) @ vectors.T / np.outer(scale, scale))
