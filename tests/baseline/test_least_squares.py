@@ -70,6 +70,21 @@ def test_offsets_and_gains_are_found_beside_the_masses(pushed: Pushed) -> None:
     assert np.all(np.abs(seeing.estimate[7:]) < 6.0 * np.array([p.prior_std for p in slow]))
 
 
+def test_an_offset_that_is_already_known_is_taken_off(pushed: Pushed) -> None:
+    """As of a foot in the air; its prior is so narrow that the fit cannot find it once more."""
+    wrench = pushed.walk.wrench.copy()
+    wrench[:, 0, 2] += 4.0
+    effort = pushed.walk.effort.copy()
+    effort[:, 2] -= 0.5
+    known = (
+        Parameter.nuisance(Kind.WRENCH_OFFSET, f"{FEET[0]}/2", 1e-4, nominal=4.0),
+        Parameter.nuisance(Kind.EFFORT_OFFSET, pushed.robot.joint_names[2], 1e-4, nominal=-0.5),
+    )
+    space = ParameterSpace((*pushed.space.parameters, *known))
+    walk = replace(pushed.walk, effort=effort, wrench=wrench)
+    np.testing.assert_allclose(fit_masses(walk, pushed.robot, space, None).estimate[:7], pushed.truth, rtol=1e-6)
+
+
 def test_lags_are_found(pushed: Pushed) -> None:
     late = stamped_late(pushed.walk, 4e-4, 2e-4)
     lags = (Parameter.nuisance(kind, ALL, 5e-4) for kind in (Kind.EFFORT_LAG, Kind.WRENCH_LAG))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from massid.errors import BadInputError
 from massid.identify import IdentifyOptions
 from massid.identify.online import OnlineIdentifier
 from massid.log.walk import Walk
@@ -14,6 +15,7 @@ from massid.noise import PRESETS, Sensors
 from massid.observer.bank import RobotBank
 from massid.observer.replay import ReplayBlock
 from massid.parameters import ParameterSpace
+from massid.search.guided import SearchOptions
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET, cut
 
@@ -143,3 +145,9 @@ def test_a_window_that_was_far_from_the_estimate_counts_little(pushed: Pushed) -
     assert np.all(far[0] > 5.0 * near[0])
     assert np.all(far[-1] < 3.0 * near[-1])
     assert np.abs(errors).max() < 4.0
+
+
+def test_a_direction_that_one_pass_cannot_follow_to_the_minimum_is_refused(pushed: Pushed) -> None:
+    options = IdentifyOptions(search=SearchOptions(direction="gradient"))
+    with pytest.raises(BadInputError, match=r"gradient .* gauss-newton, levenberg-marquardt, or offline"):
+        OnlineIdentifier(pushed.robot, pushed.space, FEET, 1e-3, options, NOISE)

@@ -9,9 +9,11 @@ import pytest
 
 from massid.identify import IdentifyOptions, Result, identify_online
 from massid.identify.residuals import channel_residuals
+from massid.identify.result import Uncertainty
 from massid.identify.validation import hold_out, validate
 from massid.log.walk import Segment
 from massid.noise import PRESETS, Sensors
+from massid.parameters import Kind, Parameter
 from tests.conftest import Pushed
 
 SHORT = IdentifyOptions(dwell_s=0.25)
@@ -75,3 +77,20 @@ def test_noise_of_the_sensors_is_in_the_error_of_the_weight(pushed: Pushed) -> N
     assert residuals is not None
     assert np.median(residuals.identified) == pytest.approx(1.0, abs=0.1)
     assert residuals.nominal.sum() > residuals.identified.sum()
+
+
+def test_a_force_offset_seen_in_the_air_upsets_neither_weight_nor_torques(pushed: Pushed, found: Result) -> None:
+    offset_n = 20.0
+    wrench = pushed.walk.wrench.copy()
+    wrench[:, 0, 2] += offset_n
+    walk = replace(pushed.walk, wrench=wrench)
+    seen = Parameter.nuisance(Kind.WRENCH_OFFSET, f"{walk.contact_bodies[0]}/2", 0.1, nominal=offset_n)
+    uncertainty = Uncertainty(
+        PRESETS["realistic"], np.eye(7), 1.0, 1.0, 0.1, (seen,), np.array([offset_n]), np.array([0.1])
+    )
+    held = hold_out(walk, HELD).held
+    validation = validate(replace(found, uncertainty=uncertainty), [walk], [held], pushed.robot)
+    assert validation.weight is not None
+    assert validation.torques is not None
+    assert validation.weight.carried_kg == pytest.approx(pushed.truth.sum(), rel=0.01)
+    assert validation.torques.rms[1] < 0.4 * validation.torques.rms[0]

@@ -26,6 +26,7 @@ SHAPE_STEP = 1e-5
 """Difference of other numbers that change bodies, relative to their scales; the forces bend in most of them."""
 ANGLE_STEP = 1e-4
 """Difference of joint positions [rad]."""
+_READINGS = (Kind.EFFORT_OFFSET, Kind.EFFORT_GAIN, Kind.WRENCH_OFFSET, Kind.WRENCH_GAIN)
 
 
 class InverseDynamics:
@@ -54,8 +55,12 @@ class InverseDynamics:
 
     def residual(self, motion: Motion) -> FloatArray:
         """Force that nothing explains at nominal values, shape (n, nv)."""
-        unexplained = self._forces(self._model, motion) - self._applied(motion)
+        applied = self._jacobians(motion)
+        unexplained = self._forces(self._model, motion) - np.einsum("kvw,kw->kv", applied, motion.wrench)
         unexplained[:, self._robot.layout.joint_dof] -= motion.effort
+        for parameter in self._space.parameters:
+            if parameter.nominal and parameter.kind in _READINGS:  # as of a force sensor that was seen in the air
+                unexplained += parameter.nominal * self._of_reading(parameter, motion, applied)
         return np.asarray(unexplained)
 
     def residual_at(self, motion: Motion, point: FloatArray) -> FloatArray:
@@ -109,9 +114,6 @@ class InverseDynamics:
         change = self._forces(self._model, moved) - nominal
         change -= np.einsum("kvw,kw->kv", self._jacobians(moved) - applied, motion.wrench)
         return np.asarray(change / ANGLE_STEP)
-
-    def _applied(self, motion: Motion) -> FloatArray:
-        return np.asarray(np.einsum("kvw,kw->kv", self._jacobians(motion), motion.wrench))
 
     def _model_at(self, point: FloatArray) -> mujoco.MjModel:
         model = self._robot.identification_model(self._contact_bodies)

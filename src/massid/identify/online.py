@@ -23,6 +23,7 @@ from massid.observer.replay import SampleBuffer
 from massid.observer.spans import Spans
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
+from massid.search.directions import SECOND_ORDER
 from massid.search.guided import GuidedSearch, SearchStatus
 from massid.search.monitoring import MonitoringFilter
 from massid.search.quadratic import LocalQuadratic
@@ -47,7 +48,7 @@ class OnlineIdentifier:
             before they are used.)
 
     Raises:
-        BadInputError: the bank is too small for the parameters.
+        BadInputError: the bank is too small for the parameters, or a noisy walk is searched by a first-order direction.
         ModelError: a contact body is not in the model.
     """
 
@@ -84,6 +85,12 @@ class OnlineIdentifier:
         self._window_steps = round(self.options.dwell_s / timestep_s)
         if self._window_steps < 2:
             raise LogError(f"A dwell time of {self.options.dwell_s} s is shorter than two samples of {timestep_s} s.")
+        direction = self.options.search.direction
+        if noise is not None and direction not in SECOND_ORDER:
+            raise BadInputError(
+                f"Direction {direction} does not reach the minimum in one pass over a noisy log, and intervals are those "
+                f"of the minimum: choose one of {', '.join(sorted(SECOND_ORDER))}, or offline identification."
+            )
         robot = self._robot
         assembly = assemble(robot, self.space, contact_bodies, timestep_s, noise, self.options)
         self._bank, self._forgetting_rate = assembly.bank, assembly.forgetting_rate

@@ -21,6 +21,7 @@ from massid.identify.result import Result
 from massid.kinematics import body_rotations
 from massid.log.walk import Segment, Walk
 from massid.noise import SensorNoise
+from massid.parameters import Kind, ParameterSpace
 from massid.robot import Robot
 from massid.typing import FloatArray, IntArray
 
@@ -106,8 +107,25 @@ def check_total(result: Result, walk: Walk, robot: Robot) -> WeightCheck | None:
     found_kg = robot.total_mass_kg + float(space.adds_mass @ (point - space.nominal))
     noise = SensorNoise() if result.uncertainty is None else result.uncertainty.noise
     found_std_kg = 0.0 if result.uncertainty is None else result.uncertainty.total_std_kg
-    carried_kg, carried_std_kg = _carried(robot, walk, noise)
+    offset, offset_std = _force_offsets(space, walk, noise)
+    carried_kg, carried_std_kg = _carried(
+        robot, replace(walk, wrench=walk.wrench - offset), replace(noise, force_offset=offset_std)
+    )
     return WeightCheck(found_kg, found_std_kg, carried_kg, carried_std_kg)
+
+
+def _force_offsets(space: ParameterSpace, walk: Walk, noise: SensorNoise) -> tuple[FloatArray, float]:
+    """What the force sensors read too much, as far as it was known before the fit, shape (n_contacts, 6), and its std.
+
+    A foot in the air shows its sensor's offset; what the fit found besides would not be a check of the fit.
+    """
+    offset = np.zeros((len(walk.contact_bodies), 6))
+    known = [parameter for parameter in space.parameters if parameter.kind is Kind.WRENCH_OFFSET]
+    for parameter in known:
+        body, _, axis = parameter.target.rpartition("/")
+        offset[walk.contact_bodies.index(body), int(axis)] = parameter.nominal
+    widths = [parameter.prior_std or 0.0 for parameter in known]
+    return offset, float(np.sqrt(np.mean(np.square(widths)))) if widths else noise.force_offset
 
 
 def _carried(robot: Robot, walk: Walk, noise: SensorNoise) -> tuple[float, float]:
