@@ -88,8 +88,8 @@ class OnlineIdentifier:
         direction = self.options.search.direction
         if noise is not None and direction not in SECOND_ORDER:
             raise BadInputError(
-                f"Direction {direction} does not reach the minimum in one pass over a noisy log, and intervals are those "
-                f"of the minimum: choose one of {', '.join(sorted(SECOND_ORDER))}, or offline identification."
+                f"Direction {direction} does not reach the minimum in one pass over a noisy log, and intervals are "
+                f"those of the minimum: choose one of {', '.join(sorted(SECOND_ORDER))}, or offline identification."
             )
         robot = self._robot
         assembly = assemble(robot, self.space, contact_bodies, timestep_s, noise, self.options)
