@@ -31,7 +31,7 @@ ONLY_IN = {
 SEES = {
     "search": {"parameters", "errors", "typing"},
     "systems": {"search", "parameters", "errors", "typing"},
-    "log": {"errors", "typing"},
+    "log": {"outputs", "errors", "typing"},
     "noise": {"log", "errors", "typing"},
     "observer": {
         "inertia",
@@ -66,6 +66,7 @@ SEES = {
     "plant": {
         "model_file",
         "noise",
+        "outputs",
         "unknowns",
         "walking",
         "robot",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from massid.errors import LogError
+from massid.errors import BadInputError, LogError
 from massid.log import read_walk, repair_log, summarise_log
 from tests.log.samples import Samples, assert_same, make_samples, write_samples
 
@@ -64,15 +64,22 @@ def test_a_sound_file_is_copied_without_loss(long: tuple[Path, Samples], tmp_pat
 
 def test_a_file_is_not_repaired_onto_itself_nor_from_nothing(long: tuple[Path, Samples], tmp_path: Path) -> None:
     path, _ = long
-    with pytest.raises(LogError, match="is the damaged file itself"):
+    with pytest.raises(BadInputError, match="is the damaged file itself"):
         repair_log(path, path)
     (tmp_path / "empty.mcap").write_bytes(b"\x89MCAP0\r\n")
     with pytest.raises(LogError, match="holds no message that can be read"):
         repair_log(tmp_path / "empty.mcap", tmp_path / "clean.mcap")
     assert not (tmp_path / "clean.mcap").exists()
+    assert read_walk(path).warnings == ()
+
+
+def test_what_a_killed_recorder_left_is_repaired_under_its_final_name(
+    long: tuple[Path, Samples], tmp_path: Path
+) -> None:
+    path, samples = long
     partial = path.rename(tmp_path / "walk.mcap.partial")
-    with pytest.raises(LogError, match="would be overwritten while it is read"):
-        repair_log(partial, path)
+    repair_log(partial, tmp_path / "walk.mcap")
+    assert_same(read_walk(tmp_path / "walk.mcap"), samples)
     assert read_walk(partial).warnings == ()
 
 

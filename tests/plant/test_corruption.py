@@ -93,7 +93,7 @@ def test_what_cannot_be_corrupted_is_refused(clean: Path, tmp_path: Path) -> Non
         corrupt_log(noisy, tmp_path / "twice.mcap", "white")
     with pytest.raises(BadInputError, match="is the clean log itself"):
         corrupt_log(clean, clean, "white")
-    with pytest.raises(BadInputError, match=r"would share walk\.truth\.json with walk\.mcap"):
+    with pytest.raises(BadInputError, match=r"is the truth file of walk\.mcap itself"):
         corrupt_log(clean, clean.with_name("walk.log"), "white")
     with pytest.raises(BadInputError, match="no sensor noise named 'loud'"):
         corrupt_log(clean, tmp_path / "loud.mcap", "loud")  # type: ignore[arg-type]

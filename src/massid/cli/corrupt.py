@@ -7,7 +7,6 @@ from pathlib import Path
 
 import tyro
 
-from massid.errors import BadInputError
 from massid.noise import NoisePreset
 
 
@@ -37,8 +36,6 @@ class Corrupt:
         from massid.cli.console import say, warn
         from massid.plant import corrupt_log
 
-        if not self.out.resolve().parent.is_dir():
-            raise BadInputError(f"Cannot write {self.out}: the folder {self.out.parent} does not exist.")
         written = corrupt_log(self.source, self.out, self.noise, self.seed)
         for warning in written.walk.warnings:
             warn(warning)

@@ -10,11 +10,20 @@ from typing import TYPE_CHECKING, Any, Literal
 import tyro
 
 from massid.assets import find_model_by_hash, resolve_model
-from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics, PayloadList
+from massid.cli.arguments import (
+    OptionalFile,
+    OptionalLinks,
+    OptionalModel,
+    OptionalTopics,
+    PayloadList,
+    parse_names,
+    topics_file,
+)
 from massid.errors import BadInputError, LogError
 from massid.identify.options import IdentifyOptions
 from massid.identify.result import Status
 from massid.log.walk import Walk
+from massid.outputs import check_outputs
 from massid.robot import Robot
 from massid.search.guided import enough_models
 from massid.unknowns import parameter_space
@@ -85,15 +94,17 @@ class Identify:
         from massid.log import TopicMap, load_topics, read_walk
         from massid.score import Truth, score
 
-        for path in (self.json, self.save_model, self.rerun, self.png):
-            if path is not None and not path.parent.is_dir():
-                raise BadInputError(f"Cannot write {path}: the folder {path.parent} does not exist.")
+        if not 0.0 <= self.held_out < 1.0:
+            raise BadInputError(f"--held-out is {self.held_out}; it must be at least 0 and less than 1.")
+        self._check_files(None if self.model is None else resolve_model(self.model))
         truth = Truth.load(self.truth) if self.truth else None
         topics = load_topics(self.topics) if self.topics else TopicMap()
         if not self.logs:
             raise BadInputError("No log given: massid identify LOG [LOG ...].")
         read = [read_walk(log, topics) for log in self.logs]
-        complete = Robot.load(self._model_path(read))
+        model = self._model_path(read)
+        self._check_files(model)
+        complete = Robot.load(model)
         prepared = prepare_walks(self.logs, complete, topics, read)
         walks, robot = [one.walk for one in prepared], prepared[0].robot
         known = [warning for walk in walks for warning in walk.warnings]
@@ -102,15 +113,13 @@ class Identify:
         space = parameter_space(
             robot,
             self._links(robot),
-            com=_names(self.com),
-            inertia=_names(self.inertia),
+            com=parse_names("--com", self.com),
+            inertia=parse_names("--inertia", self.inertia),
             payload=self.payload,
-            friction=_names(self.friction),
-            damping=_names(self.damping),
+            friction=parse_names("--friction", self.friction),
+            damping=parse_names("--damping", self.damping),
         )
         options = options_for(self.options, [one.audit for one in prepared], len(space))
-        if not 0.0 <= self.held_out < 1.0:
-            raise BadInputError(f"--held-out is {self.held_out}; it must be at least 0 and less than 1.")
         parts = [hold_out(walk, self.held_out) for walk in walks]
         fitted, held = [part.fitted for part in parts], [part.held for part in parts]
         with progress_bar("judging") as progress:
@@ -135,6 +144,26 @@ class Identify:
             self._write_json(result, scored, parts[0], robot, options)
         self._write(result, scored, walks, robot, complete)
         return EXIT_CODES[result.status]
+
+    def _check_files(self, model: Path | None) -> None:
+        """Pass if all that was asked for can be written, and nothing that is read is lost by it."""
+        from massid.identify.sidecar import sidecar_path
+
+        check_outputs(
+            [
+                *(("the log", log) for log in self.logs),
+                ("the model (--model)", model),
+                ("the truth file (--truth)", self.truth),
+                topics_file(self.topics),
+            ],
+            [
+                ("--json", self.json),
+                ("the sidecar of --json", None if self.json is None else sidecar_path(self.json)),
+                ("--save-model", self.save_model),
+                ("--rerun", self.rerun),
+                ("--png", self.png),
+            ],
+        )
 
     def _write(
         self, result: Result, scored: Score | None, walks: Sequence[Walk], robot: Robot, complete: Robot
@@ -196,7 +225,7 @@ class Identify:
 
     def _links(self, robot: Robot) -> list[str]:
         if self.links is not None:
-            return _names(self.links)
+            return parse_names("--links", self.links)
         links = robot.walking_links()
         if not links:
             raise BadInputError(
@@ -231,8 +260,3 @@ def options_for(options: IdentifyOptions, audits: Sequence[Audit], n_unknowns: i
         options = replace(options, bank_size=max(options.bank_size, enough_models(n_unknowns)))
     is_clean = options.noise == "auto" and all(audit.clean for audit in audits)
     return replace(options, noise="clean") if is_clean else options
-
-
-def _names(text: str | None) -> list[str]:
-    """Names separated by commas."""
-    return [name.strip() for name in (text or "").split(",") if name.strip()]

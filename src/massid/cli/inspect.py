@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import tyro
 
 from massid.assets import find_model_by_hash, resolve_model
-from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics
-from massid.errors import BadInputError
+from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics, parse_names, topics_file
+from massid.outputs import check_outputs
 from massid.unknowns import mass_space
 
 if TYPE_CHECKING:
@@ -47,13 +47,14 @@ class Inspect:
         from massid.cli.report_page import Page
         from massid.log import TopicMap, load_topics, summarise_log
 
-        if self.html is not None and not self.html.resolve().parent.is_dir():
-            raise BadInputError(f"Cannot write {self.html}: the folder {self.html.parent} does not exist.")
+        model = None if self.model is None else resolve_model(self.model)
         topics = load_topics(self.topics) if self.topics else TopicMap()
+        inputs = [("the log", self.log), ("the model (--model)", model), topics_file(self.topics)]
+        check_outputs(inputs, [("--html", self.html)])
         page = Page(f"massid inspect {self.log}")
         summary = summarise_log(self.log)
         self._print_topics(page, summary)
-        path = self._model_path(summary)
+        path = model or find_model_by_hash(dict(summary.metadata.get("massid", {})).get("model_sha256", ""))
         if path is None:
             page.section("Robot", ["no model given (--model), so the log was not checked against any physics"])
         else:
@@ -68,11 +69,6 @@ class Inspect:
         if self.html:
             page.write(self.html)
         return 0
-
-    def _model_path(self, summary: LogSummary) -> Path | None:
-        if self.model is not None:
-            return resolve_model(self.model)
-        return find_model_by_hash(dict(summary.metadata.get("massid", {})).get("model_sha256", ""))
 
     @staticmethod
     def _print_topics(page: Page, summary: LogSummary) -> None:
@@ -120,7 +116,7 @@ class Inspect:
 
         robot, walk = prepared.robot, prepared.walk
         if self.links is not None:
-            links = tuple(link.strip() for link in self.links.split(",") if link.strip())
+            links = tuple(parse_names("--links", self.links))
         else:
             links = tuple(link for link in robot.links if robot.welded_to(link) is None)
         with progress_bar("judging") as progress:

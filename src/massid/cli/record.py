@@ -12,6 +12,7 @@ import tyro
 from massid.cli.arguments import MassErrorList, OptionalKg
 from massid.errors import BadInputError, FallError
 from massid.noise import NoisePreset
+from massid.outputs import check_outputs
 
 if TYPE_CHECKING:
     from massid.plant import HiddenMasses, RecordingReport
@@ -74,15 +75,19 @@ class Record:
         from massid.assets import resolve_model
         from massid.cli.console import progress_bar
         from massid.plant import MassErrors, record_walk
+        from massid.plant.truth import truth_path
 
         if self.mass and self.mass_error_kg is not None:
             raise BadInputError("Give either --mass or --mass-error-kg, not both.")
-        if not self.out.parent.is_dir():
-            raise BadInputError(f"Cannot write {self.out}: the folder {self.out.parent} does not exist.")
+        model = resolve_model(self.robot)
+        truth = truth_path(self.out)
+        check_outputs(
+            [("the model (--robot)", model)], [("the log", self.out), ("the truth file beside the log", truth)]
+        )
         hidden = parse_masses(self.mass) if self.mass else MassErrors(norm_kg=self.mass_error_kg)
         with progress_bar("walking") as progress:
             return record_walk(
-                resolve_model(self.robot),
+                model,
                 self.out,
                 self.seconds,
                 gait=self.gait,

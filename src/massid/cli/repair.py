@@ -7,8 +7,8 @@ from pathlib import Path
 
 import tyro
 
-from massid.cli.arguments import OptionalTopics
-from massid.errors import BadInputError
+from massid.cli.arguments import OptionalTopics, topics_file
+from massid.outputs import check_outputs
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,6 @@ class Repair:
         """Copy, and print what was kept and lost."""
         from massid.cli.console import say, warn
 
-        if not self.out.resolve().parent.is_dir():
-            raise BadInputError(f"Cannot write {self.out}: the folder {self.out.parent} does not exist.")
         if self.topics is not None:
             return self._rewrite()
         from massid.log import repair_log
@@ -54,10 +52,17 @@ class Repair:
     def _rewrite(self) -> int:
         from massid.cli.console import say, warn
         from massid.log import load_topics, read_walk, write_walk
+        from massid.log.sink import partial_path
 
-        if self.out.exists() and self.source.exists() and self.out.samefile(self.source):
-            raise BadInputError(f"{self.out} is the damaged file itself; give the new file another name.")
-        walk = read_walk(self.source, load_topics(self.topics or ""))
+        topics = load_topics(self.topics or "")
+        check_outputs(
+            [("the damaged file", self.source), topics_file(self.topics)],
+            [
+                ("the new file", self.out),
+                ("the new file, NAME.partial until it is complete,", partial_path(self.out)),
+            ],
+        )
+        walk = read_walk(self.source, topics)
         for warning in walk.warnings:
             warn(warning)
         write_walk(walk, self.out)

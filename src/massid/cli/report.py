@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from massid.cli.arguments import OptionalFile
-from massid.errors import BadInputError
+from massid.outputs import check_outputs
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,14 @@ class Report:
     def run(self) -> int:
         """Write the page and say where it is."""
         from massid.cli.console import say
+        from massid.identify.sidecar import sidecar_path
         from massid.view.report import write_report
 
         page = self.out or self.result.with_suffix(".html")
-        if not page.resolve().parent.is_dir():
-            raise BadInputError(f"Cannot write {page}: the folder {page.parent} does not exist.")
+        check_outputs(
+            [("the result", self.result), ("the result's sidecar", sidecar_path(self.result))],
+            [("the page (-o)", page)],
+        )
         write_report(self.result, page)
         say(f"report: {page}")
         return 0

@@ -13,6 +13,7 @@ from mcap.writer import CompressionType, Writer
 from massid.errors import LogError
 from massid.log.container import MESSAGE_HEAD, TopicInfo, read_messages
 from massid.log.sink import CHUNK_BYTES
+from massid.outputs import check_outputs
 
 _HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 
@@ -43,15 +44,15 @@ def repair_log(source: Path | str, path: Path | str) -> Repair:
         path: the new file; replaced if it exists.
 
     Raises:
-        LogError: the source is not MCAP, holds no readable message, or is the new file; or the new file cannot be
-            written.
+        BadInputError: the new file is the source, or cannot be written.
+        LogError: the source is not MCAP or holds no readable message.
     """
     source, path = Path(source), Path(path)
-    if path.exists() and source.exists() and path.samefile(source):
-        raise LogError(f"{path}: is the damaged file itself; give the repaired file another name.")
-    draft = path.with_name(f"{path.name}.partial")
-    if draft.exists() and source.exists() and draft.samefile(source):
-        raise LogError(f"{source}: would be overwritten while it is read; give the repaired file another name.")
+    draft = path.with_name(f"{path.name}.repairing")  # NAME.partial is what a killed recorder left to be repaired
+    check_outputs(
+        [("the damaged file", source)],
+        [("the repaired file", path), ("the repaired file, NAME.repairing until it is complete,", draft)],
+    )
     try:
         with draft.open("wb") as stream:
             writer = Writer(stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)

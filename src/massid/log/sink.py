@@ -23,6 +23,11 @@ _RECORD_BYTES = 31  # what MCAP adds to each message
 _SECONDS, _NANOSECONDS = "header.stamp.sec", "header.stamp.nanosec"
 
 
+def partial_path(path: Path) -> Path:
+    """What a file is called until it is complete."""
+    return path.with_name(f"{path.name}.partial")
+
+
 @dataclass
 class Topic:
     """A topic being written.
@@ -70,7 +75,7 @@ class McapSink:
             LogError: it cannot be opened.
         """
         self.path = path
-        self.partial_path = path.with_name(path.name + ".partial")
+        self.partial_path = partial_path(path)
         self.topics: dict[str, Topic] = {}
         self._schemas: dict[str, int] = {}
         with self._file_errors():

@@ -11,7 +11,9 @@ import numpy as np
 
 from massid.errors import BadInputError, unknown_name
 from massid.log import Walk, read_walk, write_walk
+from massid.log.sink import partial_path
 from massid.noise import PRESETS, NoisePreset, Sensors
+from massid.outputs import check_outputs
 from massid.plant.truth import save_truth, truth_path
 
 SIMULATED_NOISE = "simulated"
@@ -70,15 +72,19 @@ def corrupt_log(source: Path | str, path: Path | str, noise: NoisePreset, seed: 
         seed: of the sensors.
 
     Raises:
-        BadInputError: no such preset, a negative seed, the same file, a log with simulated noise already, or a truth
-            file that is not JSON or cannot be written.
+        BadInputError: no such preset, a negative seed, the same file, a log with simulated noise already, a truth file
+            that is not JSON, or a file that cannot be written.
         LogError: the log cannot be read or written.
     """
     source, path = Path(source), Path(path)
-    if path.exists() and source.exists() and path.samefile(source):
-        raise BadInputError(f"{path} is the clean log itself; give the noisy log another name.")
-    if truth_path(path).resolve() == truth_path(source).resolve():
-        raise BadInputError(f"{path} would share {truth_path(source).name} with {source.name}; give it another name.")
+    check_outputs(
+        [("the clean log", source), (f"the truth file of {source.name}", truth_path(source))],
+        [
+            ("the noisy log", path),
+            ("the noisy log, NAME.partial until it is complete,", partial_path(path)),
+            ("the noisy log, whose truth file lies beside it,", truth_path(path)),
+        ],
+    )
     walk = read_walk(source)
     if walk.metadata.get("sensor_noise") == SIMULATED_NOISE:
         raise BadInputError(f"{source} has simulated sensor noise already; name the clean log that it was made from.")
