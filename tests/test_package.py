@@ -29,7 +29,7 @@ ONLY_IN = {
 """Libraries that one room keeps to itself."""
 
 SEES = {
-    "search": {"parameters", "errors", "typing"},
+    "search": {"parameters", "ranges", "errors", "typing"},
     "systems": {"search", "parameters", "errors", "typing"},
     "log": {"outputs", "errors", "typing"},
     "noise": {"log", "errors", "typing"},
@@ -53,6 +53,7 @@ SEES = {
         "kinematics",
         "noise",
         "observer",
+        "ranges",
         "robot",
         "log",
         "search",

@@ -190,8 +190,22 @@ def test_a_bad_log_is_one_line_and_code_2(
         (("--friction", "l_kne"), "Did you mean l_knee"),
         (("--payload", "torso@0,0"), "expected BODY or BODY@X,Y,Z"),
         (("--bank-size", "7"), "serves at most 6 unknowns"),
-        (("--dwell-s", "-1"), "dwell_s is -1.0; it must be positive"),
-        (("--dwell-s", "nan"), "dwell_s is nan; it must be positive"),
+        (("--links", "torso,,l_foot"), "--links 'torso,,l_foot' has an empty name"),
+        (("--com", ""), "--com '' has an empty name"),
+        (("--dwell-s", "-1"), "--dwell-s is -1.0; it must be a finite number above 0"),
+        (("--dwell-s", "nan"), "--dwell-s is nan; it must be a finite number above 0"),
+        (("--dwell-s", "10"), "do not fill one dwell window of 10.0 s"),
+        (("--other-links", "inf"), "--other-links is inf; it must be a finite number, at least 0"),
+        (("--other-links", "nan"), "--other-links is nan; it must be a finite number, at least 0"),
+        (("--link-inertia", "inf"), "--link-inertia is inf; it must be a finite number, at least 0"),
+        (("--lag-s", "inf"), "--lag-s is inf; it must be a finite number, at least 0"),
+        (("--passes", "0"), "--passes is 0; it must be a finite number above 0"),
+        (("--radius", "0"), "--radius is 0.0; it must be a finite number above 0"),
+        (("--radius", "nan"), "--radius is nan; it must be a finite number above 0"),
+        (("--candidates", "-1"), "--candidates is -1; it must be a finite number, at least 0"),
+        (("--step-tolerance", "-1"), "--step-tolerance is -1.0; it must be a finite number, at least 0"),
+        (("--largest-step", "-1"), "--largest-step is -1.0; it must be above 0"),
+        (("--held-out", "nan"), "--held-out is nan; it must be at least 0 and less than 1"),
         (("--dwell-s", "0.001"), "shorter than two samples"),
         (("--truth", "nowhere.json"), "nowhere.json"),
         (("--json", "no/such/folder/r.json"), "no/such/folder does not exist"),
@@ -205,6 +219,23 @@ def test_bad_arguments_are_one_line_and_code_2(
     assert error.startswith("massid: error: ")
     assert error.count("\n") == 1
     assert message in error
+
+
+@pytest.mark.parametrize("mode", ["online", "offline"])
+@pytest.mark.parametrize("arguments", [("--bank-size", "3"), ("--dwell-s", "10"), ("--dwell-s", "0.001")])
+def test_what_does_not_fit_the_log_is_said_before_the_verdict(
+    arguments: tuple[str, str],
+    mode: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def foresee(*_: object) -> None:
+        raise AssertionError("judged already")
+
+    monkeypatch.setattr("massid.identify.verdict.foresee", foresee)
+    assert identify(folder, "--mode", mode, *arguments) == 2
+    assert capsys.readouterr().err.startswith("massid: error: ")
 
 
 @pytest.mark.parametrize("name", ["robot", "nowhere.xml"])

@@ -122,7 +122,7 @@ def test_too_many_unknowns_for_the_bank(pushed: Pushed) -> None:
 
 @pytest.mark.parametrize("field", ["bank_size", "dwell_s", "bandwidth_rad_s"])
 def test_options_must_be_positive(field: str) -> None:
-    with pytest.raises(BadInputError, match=f"{field} is 0; it must be positive"):
+    with pytest.raises(BadInputError, match=f"{field} is 0; it must be a finite number above 0"):
         IdentifyOptions(**{field: 0})  # type: ignore[arg-type]
 
 

@@ -21,7 +21,8 @@ from massid.cli.record import Record
 from massid.cli.repair import Repair
 from massid.cli.report import Report
 from massid.cli.view import View
-from massid.errors import MassidError
+from massid.errors import BadInputError, MassidError
+from massid.ranges import OptionError
 
 DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
 
@@ -67,7 +68,10 @@ def _parse(arguments: Sequence[str]) -> Command:
         for command in COMMANDS
     ]
     union: Any = Union[tuple(described)]  # noqa: UP007  # built at run time
-    parsed = tyro.cli(
-        union, prog="massid", description=DESCRIPTION, args=arguments, config=(tyro.conf.OmitArgPrefixes,)
-    )
+    try:
+        parsed = tyro.cli(
+            union, prog="massid", description=DESCRIPTION, args=arguments, config=(tyro.conf.OmitArgPrefixes,)
+        )
+    except OptionError as error:
+        raise BadInputError(f"--{error.option.replace('_', '-')} {error.problem}") from error
     return cast("Command", parsed)

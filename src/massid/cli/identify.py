@@ -25,7 +25,7 @@ from massid.identify.result import Status
 from massid.log.walk import Walk
 from massid.outputs import check_outputs
 from massid.robot import Robot
-from massid.search.guided import enough_models
+from massid.search.guided import check_bank_size, enough_models
 from massid.unknowns import parameter_space
 
 if TYPE_CHECKING:
@@ -122,12 +122,15 @@ class Identify:
         options = options_for(self.options, [one.audit for one in prepared], len(space))
         parts = [hold_out(walk, self.held_out) for walk in walks]
         fitted, held = [part.fitted for part in parts], [part.held for part in parts]
+        noisy = resolve_noise(fitted[0], robot, options) is not None
+        is_offline = self.mode == "offline" or (self.mode == "auto" and noisy)
+        check_bank_size(space, options.bank_size)
+        check_windows(fitted, options.dwell_s, all_needed=is_offline)
         with progress_bar("judging") as progress:
             verdict = foresee(fitted, robot, space, options, progress)
         if not verdict.hidden:
             say(f"verdict: {verdict.lines()[0]}\n")
-        noisy = resolve_noise(fitted[0], robot, options) is not None
-        identify = identify_offline if self.mode == "offline" or (self.mode == "auto" and noisy) else identify_online
+        identify = identify_offline if is_offline else identify_online
         with progress_bar("identifying") as progress:
             result = identify(fitted, robot, space, options, progress).judged(verdict)
         result = result.checked(validate(result, walks, held, robot))
@@ -252,6 +255,17 @@ def reference_fit(result: Result, walk: Walk, robot: Robot) -> dict[str, Any] | 
         "estimate_kg": result.masses_kg(fit.estimate[:asked]),
         "std_kg": result.masses_kg(fit.std[:asked]),
     }
+
+
+def check_windows(walks: Sequence[Walk], dwell_s: float, *, all_needed: bool) -> None:
+    """Pass if the walks fill dwell windows: each of them, or at least one.
+
+    Raises:
+        LogError: they do not, or dwell_s is shorter than two samples of one.
+    """
+    fullest = max(walks, key=lambda walk: len(list(walk.windows(dwell_s))))
+    for walk in walks if all_needed else [fullest]:
+        walk.filled_windows(dwell_s)
 
 
 def options_for(options: IdentifyOptions, audits: Sequence[Audit], n_unknowns: int = 0) -> IdentifyOptions:

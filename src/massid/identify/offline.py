@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 
-from massid.errors import LogError
 from massid.identify.assembly import assemble
 from massid.identify.conclusion import Findings, LogFacts, conclude
 from massid.identify.logs import Log, gather_logs, gather_warnings, join_spaces
@@ -142,13 +141,8 @@ class _Replay:
 
     def __init__(self, log: Log, robot: Robot, options: IdentifyOptions, columns: IntArray) -> None:
         walk = self._walk = log.walk
-        self._windows = list(walk.windows(options.dwell_s))
+        self._windows = walk.filled_windows(options.dwell_s)
         self._look_ahead = Spans.at(walk.timestep_s).look_ahead
-        if not self._windows:
-            raise LogError(
-                f"{walk.source}: {walk.duration_s:.3g} s of samples do not fill one dwell window of "
-                f"{options.dwell_s} s; record a longer walk or use a shorter --dwell-s."
-            )
         self._assembly = assemble(robot, log.space, walk.contact_bodies, walk.timestep_s, log.noise, options)
         self._columns = columns
         self._fresh = {segment.start for segment in walk.segments}

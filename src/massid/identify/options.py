@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from massid.errors import BadInputError
 from massid.noise import NoisePreset, SensorNoise
+from massid.ranges import require_not_negative, require_positive
 from massid.search.guided import SearchOptions
 
 
@@ -55,21 +55,22 @@ class IdentifyOptions:
         return self.search if noise is None else replace(self.search, candidates=0)
 
     def __post_init__(self) -> None:
-        positive = {"bank_size": self.bank_size, "dwell_s": self.dwell_s, "bandwidth_rad_s": self.bandwidth_rad_s}
-        for name, value in positive.items():
-            if not value > 0:
-                raise BadInputError(f"{name} is {value}; it must be positive.")
-        not_negative = {
-            "damping_ratio": self.damping_ratio,
-            "forgetting_rate": self.forgetting_rate,
-            "other_links": self.other_links,
-            "link_inertia": self.link_inertia,
-            "lag_s": self.lag_s,
-            "threads": self.threads,
-            "seed": self.seed,
-        }
-        for name, value in not_negative.items():
-            if not value >= 0:
-                raise BadInputError(f"{name} is {value}; it must not be negative.")
-        if self.passes < 1:
-            raise BadInputError(f"passes is {self.passes}; at least one is needed.")
+        require_positive(
+            {
+                "bank_size": self.bank_size,
+                "dwell_s": self.dwell_s,
+                "bandwidth_rad_s": self.bandwidth_rad_s,
+                "passes": self.passes,
+            }
+        )
+        require_not_negative(
+            {
+                "damping_ratio": self.damping_ratio,
+                "forgetting_rate": self.forgetting_rate,
+                "other_links": self.other_links,
+                "link_inertia": self.link_inertia,
+                "lag_s": self.lag_s,
+                "threads": self.threads,
+                "seed": self.seed,
+            }
+        )

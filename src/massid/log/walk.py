@@ -141,6 +141,21 @@ class Walk:
             for start in range(segment.start, segment.stop - steps, steps):
                 yield Segment(start, start + steps + 1)
 
+    def filled_windows(self, dwell_s: float) -> list[Segment]:
+        """The dwell windows, of which there is one at least.
+
+        Raises:
+            LogError: dwell_s is shorter than two samples, or no segment is as long.
+        """
+        windows = list(self.windows(dwell_s))
+        if not windows:
+            longest = max(len(segment) for segment in self.segments) * self.timestep_s
+            raise LogError(
+                f"{self.source}: {longest:.3g} s of samples without a gap do not fill one dwell window of {dwell_s} s; "
+                "record a longer walk or use a shorter --dwell-s."
+            )
+        return windows
+
     def with_joint_order(self, joint_names: tuple[str, ...]) -> Walk:
         """Return the walk with its joint columns in the given order; joints not named are dropped.
 

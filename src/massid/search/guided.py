@@ -10,6 +10,7 @@ import numpy as np
 
 from massid.errors import BadInputError
 from massid.parameters import ParameterSpace
+from massid.ranges import OptionError, require_not_negative, require_positive
 from massid.search.directions import DIRECTIONS, SECOND_ORDER, DirectionName, GaussNewtonDirection
 from massid.search.gradient import GradientEstimator, estimate_gradient
 from massid.search.line_search import LineSearch
@@ -56,6 +57,20 @@ class SearchOptions:
     largest_step: float = np.inf
     step_tolerance: float = 1e-8
     gradient_tolerance: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive({"radius": self.radius, "smallest_radius": self.smallest_radius})
+        require_not_negative(
+            {
+                "candidates": self.candidates,
+                "kept": self.kept,
+                "step_size": self.step_size,
+                "step_tolerance": self.step_tolerance,
+                "gradient_tolerance": self.gradient_tolerance,
+            }
+        )
+        if not self.largest_step > 0:  # nan, too; inf is no cap
+            raise OptionError("largest_step", self.largest_step, "above 0")
 
 
 class SearchStatus(enum.StrEnum):
@@ -119,12 +134,7 @@ class GuidedSearch:
     ) -> None:
         self.space = space
         self.options = options or SearchOptions()
-        n_p = space.n_sampled
-        if n_models < n_p + 1:
-            raise BadInputError(
-                f"A bank of {n_models} models serves at most {n_models - 1} unknowns, but {n_p} are asked for: "
-                f"use at least {n_p + 1} models, better {enough_models(n_p)}."
-            )
+        check_bank_size(space, n_models)
         self._rng = rng or np.random.default_rng(0)
         self._n_models = n_models
         starts = [np.asarray(guess, dtype=np.float64) for guess in guesses] or [space.nominal]
@@ -285,6 +295,20 @@ class GuidedSearch:
 def enough_models(n_unknowns: int) -> int:
     """Models with which a search goes well: centre, candidates, and three samples for each unknown."""
     return 3 * n_unknowns + 3
+
+
+def check_bank_size(space: ParameterSpace, n_models: int) -> None:
+    """Pass if a bank has a model for the centre and one for each unknown.
+
+    Raises:
+        BadInputError: it has fewer.
+    """
+    n_p = space.n_sampled
+    if n_models < n_p + 1:
+        raise BadInputError(
+            f"A bank of {n_models} models serves at most {n_models - 1} unknowns, but {n_p} are asked for: "
+            f"use at least {n_p + 1} models, better {enough_models(n_p)}."
+        )
 
 
 def _is_trusted(quadratic: LocalQuadratic, monitoring: Monitoring, best: int) -> bool:
