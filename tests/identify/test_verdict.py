@@ -110,6 +110,50 @@ def test_a_hidden_link_has_no_estimate(standing: Walk) -> None:
     np.testing.assert_array_equal(result.reported[hidden], space.nominal[hidden])
 
 
+def test_a_sum_is_stated_as_found_and_not_as_the_model_file_has_it(standing: Walk) -> None:
+    robot = make_robot()
+    space = mass_space(robot, LINKS)
+    verdict = _verdict(standing, robot)
+    foreseen = " ".join(verdict.lines())
+    assert "known all the same: torso" in foreseen
+    assert f"{verdict.sums[0].nominal_kg:.1f}" not in foreseen
+    found = identify_online(standing, robot, space, IdentifyOptions(dwell_s=0.25)).judged(verdict).verdict
+    assert found is not None
+    for one in found.sums:
+        assert f"together, {one.estimate_kg:.2f} +-" in one.text
+
+
+def test_windows_that_contradict_each_other_are_not_blamed_on_the_motion(pushed: Pushed) -> None:
+    """What exploded intervals leave is neither stated nor said to be the motion's fault."""
+    walk = _measured(pushed.walk, "white")
+    options = IdentifyOptions(noise="white", dwell_s=0.25, passes=4)
+    verdict = foresee(walk, pushed.robot, pushed.space, options)
+    result = identify_offline(walk, pushed.robot, pushed.space, options)
+    assert result.uncertainty is not None
+    assert result.judged(verdict).together is not None
+    hidden = replace(result.excitation, identifiable=np.zeros(len(pushed.space), dtype=bool))
+    weak = replace(result, excitation=hidden).judged(verdict)
+    assert any("was foreseen to be known to" in line for line in weak.warnings)
+    wide = replace(result.uncertainty, inflation=1e3)
+    wrong = replace(result, uncertainty=wide, excitation=hidden).judged(verdict)
+    assert wrong.unforeseen == LINKS
+    assert wrong.together is None
+    assert wrong.to_json()["together"] is None
+    assert any("not the motion" in line for line in wrong.warnings)
+
+
+def test_a_verdict_says_whose_noise_it_takes(pushed: Pushed) -> None:
+    noisy = _measured(pushed.walk, "white")
+    space = mass_space(pushed.robot, LINKS)
+    said = {
+        asked: foresee(walk, pushed.robot, space, IdentifyOptions(noise=asked)).sensors  # type: ignore[arg-type]
+        for walk, asked in ((noisy, "auto"), (noisy, "clean"), (pushed.walk, "white"))
+    }
+    assert said["auto"] == "the log's own noise"
+    assert said["clean"].endswith("as --noise clean was asked for")
+    assert said["white"] == "--noise white"
+
+
 def test_noise_does_not_make_a_standing_robot_move(standing: Walk) -> None:
     assert observe_motion(make_robot(), _measured(standing, "realistic")).motion is Motion.STANDING
 

@@ -59,7 +59,7 @@ def test_the_page_is_whole_and_hides_what_was_not_found(tmp_path: Path) -> None:
     assert "calf<b>" not in page
     assert "calf&lt;b&gt;" in page
     assert "2.300" not in page  # what the search ended with for a hidden link
-    for text in ("4.400", "4.200 – 4.600", "not identifiable", "a sensor drifts", "what would help: walk", "±50%"):
+    for text in ("4.400", "4.200 – 4.600", "not identifiable", "a sensor drifts", "what would help: walk", "±98%"):
         assert text in page, text
 
 

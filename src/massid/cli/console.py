@@ -62,9 +62,10 @@ def result_table(result: Result, scored: Score | None) -> Table:
         if scored:
             row += [f"{scored.true_kg[link]:.4f}", f"{scored.error_kg[link]:+.1e}" if identifiable else "-"]
         table.add_row(*row)
-    if result.together_std_kg is not None:
-        row = ["together", f"{sum(nominal.values()):.3f}", f"{sum(result.estimate_kg.values()):.4f}"]
-        row.append(f"+-{INTERVAL_95 * result.together_std_kg:.3f}")
+    together = result.together
+    if std and len(nominal) > 1 and together is not None:
+        row = ["together", f"{together.nominal_kg:.3f}", f"{together.estimate_kg:.4f}"]
+        row.append(f"+-{INTERVAL_95 * together.std_kg:.3f}")
         if scored:
             row += [f"{sum(scored.true_kg.values()):.4f}", f"{sum(scored.error_kg.values()):+.1e}"]
         table.add_row(*row, style="dim")

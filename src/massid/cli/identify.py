@@ -127,7 +127,7 @@ class Identify:
         check_bank_size(space, options.bank_size)
         check_windows(fitted, options.dwell_s, all_needed=is_offline)
         with progress_bar("judging") as progress:
-            verdict = foresee(fitted, robot, space, options, progress)
+            verdict = foresee(fitted, robot, space, options, progress, self.options.noise)
         if not verdict.hidden:
             say(f"verdict: {verdict.lines()[0]}\n")
         identify = identify_offline if is_offline else identify_online
@@ -138,10 +138,12 @@ class Identify:
         print_result(result, scored)
         for warning in result.warnings[len(known) :]:
             warn(warning)
-        if result.hidden:
+        lacking = [name for name in result.hidden if name not in result.unforeseen]
+        if lacking:
             what = "this log does" if len(walks) == 1 else "these logs do"
-            warn(f"{what} not reveal {', '.join(result.hidden)}")
-            for line in verdict.lines():
+            warn(f"{what} not reveal {', '.join(lacking)}")
+        if result.verdict and result.verdict.hidden:
+            for line in result.verdict.lines():
                 warn(line)
         if self.json:
             self._write_json(result, scored, parts[0], robot, options)

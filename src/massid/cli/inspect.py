@@ -112,6 +112,7 @@ class Inspect:
         from massid.cli.console import progress_bar
         from massid.cli.identify import options_for
         from massid.identify import IdentifyOptions
+        from massid.identify.posterior import INTERVAL_95
         from massid.identify.verdict import foresee
 
         robot, walk = prepared.robot, prepared.walk
@@ -123,12 +124,12 @@ class Inspect:
             options = options_for(IdentifyOptions(), [prepared.audit])
             verdict = foresee(walk, robot, mass_space(robot, links), options, progress)
         rows = [
-            (link, f"{nominal:.3f}", f"{std:.2g}", "identifiable" if seen else "not identifiable")
+            (link, f"{nominal:.3f}", f"{INTERVAL_95 * std:.2g}", "identifiable" if seen else "not identifiable")
             for link, nominal, std, seen in zip(
                 verdict.links, verdict.space.nominal, verdict.std, verdict.identifiable, strict=True
             )
         ]
-        page.table("Links", ("link", "nominal [kg]", "known to +- [kg]", "verdict"), rows)
+        page.table("Links", ("link", "nominal [kg]", "known to, 95 % [kg]", "verdict"), rows)
         page.section("Verdict", verdict.lines())
 
 

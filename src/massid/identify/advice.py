@@ -63,5 +63,5 @@ def _stiff_joints(facts: MotionFacts, joints: Sequence[str]) -> list[str]:
     stiff = sorted((facts.excursion_rad[name], name) for name in joints if facts.excursion_rad[name] < _ENOUGH_RAD)
     if not stiff:
         return []
-    named = ", ".join(f"{name} (+-{size:.3f} rad)" for size, name in stiff[:_NAMED])
+    named = ", ".join(f"{name} ({size:.3f} rad rms)" for size, name in stiff[:_NAMED])
     return [f"move the joints beside these links, which hardly moved: {named}"]

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from massid.identify.posterior import INTERVAL_95
 from massid.typing import FloatArray
 
 CUTOFF_HZ = 5.0
@@ -69,6 +70,17 @@ class WeightCheck:
     carried_std_kg: float
 
     @property
+    def found_text(self) -> str:
+        """What was found, in words, with its 95 % interval."""
+        half = f" +-{INTERVAL_95 * self.found_std_kg:.2g}" if self.found_std_kg else ""
+        return f"{self.found_kg:.2f}{half} kg"
+
+    @property
+    def carried_text(self) -> str:
+        """What the ground carried, in words, with its 95 % interval."""
+        return f"{self.carried_kg:.2f} +-{INTERVAL_95 * self.carried_std_kg:.2g} kg"
+
+    @property
     def agrees(self) -> bool:
         """Whether the two differ by no more than their errors allow."""
         error = float(np.hypot(self.carried_std_kg, self.found_std_kg))
@@ -100,10 +112,7 @@ class Validation:
             )
         if self.weight is not None:
             weight = self.weight
-            found.append(
-                f"whole robot: {weight.found_kg:.2f} kg found, the ground carried {weight.carried_kg:.2f} "
-                f"+-{weight.carried_std_kg:.2g} kg"
-            )
+            found.append(f"whole robot: {weight.found_text} found, the ground carried {weight.carried_text} (+-: 95 %)")
         return found
 
     def warnings(self) -> tuple[str, ...]:
@@ -111,9 +120,8 @@ class Validation:
         found = []
         if self.weight is not None and not self.weight.agrees:
             found.append(
-                f"the masses found add up to {self.weight.found_kg:.2f} kg, but the ground carried "
-                f"{self.weight.carried_kg:.2f} +-{self.weight.carried_std_kg:.2g} kg: the model, the force sensors or "
-                "a contact that was not measured is wrong."
+                f"the masses found add up to {self.weight.found_text}, but the ground carried "
+                f"{self.weight.carried_text}: the model, the force sensors or a contact that was not measured is wrong."
             )
         if self.torques is not None and self.torques.rms[1] > WORSE * self.torques.rms[0]:
             before, after = self.torques.rms

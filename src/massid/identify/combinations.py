@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from massid.identify.posterior import INTERVAL_95
 from massid.typing import FloatArray
 
 _SHOWN = 0.3
@@ -38,12 +40,26 @@ class Sum:
     Attributes:
         links: which.
         nominal_kg: of the model file [kg].
-        std_kg: to which it can be known [kg].
+        std_kg: standard deviation to which it can be known, or is known [kg].
+        estimate_kg: as found; None before the fit [kg].
     """
 
     links: tuple[str, ...]
     nominal_kg: float
     std_kg: float
+    estimate_kg: float | None = None
+
+    @property
+    def text(self) -> str:
+        """In words, with its 95 % interval; the model file's sum would look like an answer, and is not one."""
+        half = f"+-{INTERVAL_95 * self.std_kg:.2g} kg"
+        found = f"to {half}" if self.estimate_kg is None else f"{self.estimate_kg:.2f} {half}"
+        return f"{' + '.join(self.links)} together, {found}"
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON values; with an estimate after a fit."""
+        found = {} if self.estimate_kg is None else {"estimate_kg": self.estimate_kg}
+        return {"links": list(self.links), "nominal_kg": self.nominal_kg, "std_kg": self.std_kg} | found
 
 
 def open_combinations(links: Sequence[str], relative: FloatArray, limit: float) -> tuple[Combination, ...]:

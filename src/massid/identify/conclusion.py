@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massid.identify.excitation import assess_excitation, from_deviations
-from massid.identify.posterior import posterior
+from massid.identify.posterior import LARGEST_INFLATION, posterior
 from massid.identify.quantities import describe, whole_shapes
 from massid.identify.result import Result, Status, Uncertainty, WindowResult
 from massid.noise import SensorNoise
@@ -19,8 +19,6 @@ from massid.typing import FloatArray
 
 LARGEST_REST = 1e-3
 """Share of the links' masses that may stay unexplained in a log without noise."""
-LARGEST_INFLATION = 2.0
-"""Scatter of the windows' scores, relative to what noise explains, from which on the model is called wrong."""
 MARGIN = 10.0
 """Factor on the part of mu that the curvature of the output error in the masses explains."""
 

@@ -13,6 +13,8 @@ from massid.typing import FloatArray
 
 INTERVAL_95 = 1.959964
 """Half width of a 95 % interval in standard deviations."""
+LARGEST_INFLATION = 2.0
+"""Scatter of the windows' scores, relative to what noise explains, from which on the model is called wrong."""
 
 
 @dataclass(frozen=True)

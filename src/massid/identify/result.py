@@ -12,10 +12,12 @@ import numpy as np
 
 from massid.errors import BadInputError
 from massid.identify.checks import Validation
+from massid.identify.combinations import Sum
+from massid.identify.disagreement import disagreement
 from massid.identify.excitation import Excitation
-from massid.identify.posterior import INTERVAL_95
+from massid.identify.posterior import INTERVAL_95, LARGEST_INFLATION
 from massid.identify.quantities import Quantity
-from massid.identify.verdict import Verdict
+from massid.identify.verdict import KNOWN_SUM, Verdict
 from massid.noise import SensorNoise
 from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.search.guided import Iteration
@@ -23,6 +25,8 @@ from massid.search.proposal import Role
 from massid.typing import FloatArray, IntArray
 
 SCHEMA = 1
+_BORDER = 1e-3
+"""Distance to the border of Theta below which an estimate was stopped by it, in scales."""
 
 
 class Status(enum.StrEnum):
@@ -176,7 +180,56 @@ class Result:
         excitation = replace(self.excitation, identifiable=self.excitation.identifiable & np.array(seen))
         status = self.status if excitation.identifiable.all() else Status.NOT_IDENTIFIABLE
         quantities = tuple(quantity.without(hidden) for quantity in self.quantities)
-        return replace(self, verdict=verdict, excitation=excitation, status=status, quantities=quantities)
+        result = replace(self, verdict=verdict, excitation=excitation, status=status, quantities=quantities)
+        sums = (result.known_sum(one) for one in verdict.sums)
+        said = disagreement(verdict, result.unforeseen, result.std_kg, result.contradicted)
+        return replace(
+            result,
+            verdict=replace(verdict, sums=tuple(one for one in sums if one is not None)),
+            warnings=result.warnings + said,
+        )
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the windows of a noisy log contradict each other: model, log or assumed noise are wrong."""
+        return self.uncertainty is not None and self.uncertainty.inflation >= LARGEST_INFLATION
+
+    @property
+    def unforeseen(self) -> tuple[str, ...]:
+        """What the verdict foresaw to be known and the fit left unknown.
+
+        The verdict says less of other quantities than of links; they count if the whole fit is in doubt.
+        """
+        if self.verdict is None:
+            return ()
+        found = tuple(link for link in self.hidden_links if link not in self.verdict.hidden)
+        if not self.contradicted:
+            return found
+        others = set(self.verdict.hidden_others)
+        return found + tuple(
+            one.name for one in self.quantities if not (one.identifiable or others & set(one.parameters))
+        )
+
+    def known_sum(self, foreseen: Sum) -> Sum | None:
+        """The mass of several links together as found; None if the fit does not know it.
+
+        That is so at the border of Theta, where the search was stopped, and where the windows contradict each other so
+        much that links are lost.
+
+        Args:
+            foreseen: which links, and a deviation that counts for a log without noise.
+        """
+        space = self.space
+        masses = [one.kind is Kind.MASS and one.target in foreseen.links for one in space.parameters]
+        chosen = np.array(masses, dtype=np.float64)
+        room = np.minimum(self.estimate - space.lower, space.upper - self.estimate) / space.scale
+        if (self.contradicted and self.unforeseen) or np.any(room[masses] < _BORDER):
+            return None
+        std_kg = foreseen.std_kg
+        if self.uncertainty is not None:
+            std_kg = float(np.sqrt(chosen @ self.uncertainty.covariance @ chosen))
+        estimate_kg = float(chosen @ self.estimate)
+        return replace(foreseen, std_kg=std_kg, estimate_kg=estimate_kg) if std_kg < KNOWN_SUM * estimate_kg else None
 
     @property
     def hidden_links(self) -> tuple[str, ...]:
@@ -218,12 +271,9 @@ class Result:
         return {} if self.uncertainty is None else self.masses_kg(self.uncertainty.std)
 
     @property
-    def together_std_kg(self) -> float | None:
-        """Standard deviation of the sum of the masses asked for [kg]; None for a log without noise."""
-        if self.uncertainty is None:
-            return None
-        masses = np.array([parameter.kind is Kind.MASS for parameter in self.space.parameters], dtype=np.float64)
-        return float(np.sqrt(masses @ self.uncertainty.covariance @ masses))
+    def together(self) -> Sum | None:
+        """The sum of all masses asked for; None if it is not known. A log without noise leaves it no deviation."""
+        return self.known_sum(Sum(tuple(self.nominal_kg), sum(self.nominal_kg.values()), 0.0))
 
     def _interval(self, value: float, std: float | None) -> dict[str, Any]:
         if std is None:
@@ -271,12 +321,15 @@ class Result:
 
     def to_json(self) -> dict[str, Any]:
         """The result as plain JSON values (schema 1), without any truth."""
-        together_kg = sum(self.estimate_kg.values())
+        together = self.together
         return {
             "schema": SCHEMA,
             "links": {link: self._link(link, value) for link, value in self.estimate_kg.items()},
             "quantities": {quantity.name: quantity.to_json() for quantity in self.quantities},
-            "together": {"estimate_kg": together_kg} | self._interval(together_kg, self.together_std_kg),
+            "together": None
+            if together is None or together.estimate_kg is None
+            else {"estimate_kg": together.estimate_kg}
+            | self._interval(together.estimate_kg, together.std_kg if self.uncertainty else None),
             "verdict": None if self.verdict is None else self.verdict.to_json(),
             "validation": None if self.validation is None else self.validation.to_json(),
             "uncertainty": self._uncertainty(),

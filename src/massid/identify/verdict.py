@@ -27,6 +27,7 @@ from massid.identify.excitation import LARGEST_DEVIATION
 from massid.identify.logs import Log, gather_logs, join_spaces
 from massid.identify.motion import Motion, MotionFacts, observe_motion
 from massid.identify.options import IdentifyOptions
+from massid.identify.posterior import INTERVAL_95
 from massid.identify.progress import Progress, silent
 from massid.identify.quantities import whole_shapes
 from massid.identify.smoothing import balanced, smoothed
@@ -63,11 +64,12 @@ class Verdict:
         covariance: of these masses, as an identification would report it, shape (n_p, n_p) [kg^2].
         total_std_kg: standard deviation of the whole robot's mass [kg].
         total_known: whether that is worth telling.
-        is_reference: the log has no noise, and real sensors were supposed.
+        sensors: with what sensors the log was judged, in words.
         facts: what the robot does.
         hidden_others: names of the parameters asked for, other than masses, that the log does not reveal.
         combinations: what cannot be told apart, worst first.
-        sums: masses of several links together that are known although not every one of theirs is.
+        sums: masses of several links together that are known although not every one of theirs is; a fit puts in what
+            it found.
         advice: which motion would help, one line each; empty if nothing is needed.
         wall_s: time it took [s].
     """
@@ -76,7 +78,7 @@ class Verdict:
     covariance: FloatArray
     total_std_kg: float
     total_known: bool
-    is_reference: bool
+    sensors: str
     facts: MotionFacts
     hidden_others: tuple[str, ...]
     combinations: tuple[Combination, ...]
@@ -106,20 +108,16 @@ class Verdict:
         """The links that the log does not reveal."""
         return tuple(link for link, seen in zip(self.links, self.identifiable, strict=True) if not seen)
 
-    @property
-    def sensors(self) -> str:
-        """With what sensors the log was judged."""
-        return f"{REFERENCE} sensors, for the log has no noise" if self.is_reference else "the log's own noise"
-
     def lines(self) -> list[str]:
-        """The verdict in a few lines of text."""
-        total = f"known to +-{self.total_std_kg:.2g} kg" if self.total_known else "not known"
-        said = f"{self.facts.motion}; whole robot {total} ({self.sensors})"
+        """The verdict in a few lines of text; what follows +- is a 95 % interval."""
+        total = f"known to +-{INTERVAL_95 * self.total_std_kg:.2g} kg" if self.total_known else "not known"
+        said = f"{self.facts.motion}; whole robot {total} (95 %, {self.sensors})"
         if not self.hidden:
             worst = int(np.argmax(self.std / self.space.scale))
-            told = f"all {len(self.links)} links can be told" if len(self.links) > 1 else "the link can be told"
+            shown = f"all {len(self.links)} links" if len(self.links) > 1 else "the link"
+            half = f"+-{INTERVAL_95 * self.std[worst]:.2g} kg"
             return [
-                f"{said}; {told}, {self.links[worst]} worst, to +-{self.std[worst]:.2g} kg",
+                f"{said}; the motion shows {shown}, {self.links[worst]} worst, to {half}",
                 *(f"what would help: {line}" for line in self.advice),
             ]
         found = [said]
@@ -127,14 +125,12 @@ class Verdict:
         if unseen:
             found.append(f"does not show at all: {', '.join(unseen)}")
         found += [
-            f"{'cannot be told apart' if one.is_trade else 'cannot be weighed'}: {one.text} (known to +-{one.std:.0%})"
+            f"{'cannot be told apart' if one.is_trade else 'cannot be weighed'}: {one.text} "
+            f"(known to +-{INTERVAL_95 * one.std:.0%})"
             for one in self.combinations
             if one.std <= _UNSEEN
         ]
-        found += [
-            f"known all the same: {' + '.join(one.links)} together, {one.nominal_kg:.1f} +-{one.std_kg:.2g} kg"
-            for one in self.sums
-        ]
+        found += [f"known all the same: {one.text}" for one in self.sums]
         found += [f"what would help: {line}" for line in self.advice]
         return found
 
@@ -154,9 +150,7 @@ class Verdict:
                 }
                 for one in self.combinations
             ],
-            "sums": [
-                {"links": list(one.links), "nominal_kg": one.nominal_kg, "std_kg": one.std_kg} for one in self.sums
-            ],
+            "sums": [one.to_json() for one in self.sums],
             "advice": list(self.advice),
         }
 
@@ -167,6 +161,7 @@ def foresee(
     space: ParameterSpace,
     options: IdentifyOptions | None = None,
     progress: Progress = silent,
+    asked_noise: str | None = None,
 ) -> Verdict:
     """Judge what a log, or several of one robot, can reveal about some masses, without fitting anything.
 
@@ -176,6 +171,7 @@ def foresee(
         space: the masses asked for, and what else is.
         options: how the log would be identified; noise and nuisances matter here.
         progress: told the fraction done.
+        asked_noise: the noise that the user asked for, if `options` have what was made of it.
 
     Raises:
         LogError: a log does not match the robot, or holds too few samples to be judged.
@@ -221,7 +217,7 @@ def foresee(
         covariance=covariance,
         total_std_kg=posterior.total_std_kg(everything),
         total_known=not held and posterior.total_std_kg(everything) < LARGEST_DEVIATION * robot.total_mass_kg,
-        is_reference=is_reference,
+        sensors=_sensors(asked_noise or options.noise, is_reference),
         facts=facts,
         hidden_others=others,
         combinations=combinations,
@@ -229,6 +225,14 @@ def foresee(
         advice=advise(robot, facts, links, hidden, posterior.longer(asked, sum(log.walk.duration_s for log in logs))),
         wall_s=time.perf_counter() - started,
     )
+
+
+def _sensors(asked_noise: str, is_reference: bool) -> str:
+    """With what sensors a log is judged, and why."""
+    if is_reference:
+        why = "as --noise clean was asked for" if asked_noise == "clean" else "for the log has no noise"
+        return f"{REFERENCE} sensors, {why}"
+    return "the log's own noise" if asked_noise == "auto" else f"--noise {asked_noise}"
 
 
 def _hidden_others(space: ParameterSpace, covariance: FloatArray) -> tuple[str, ...]:

@@ -69,15 +69,17 @@ def _head(page: HtmlPage, document: Mapping[str, Any]) -> None:
     cards = [
         (status, f"{seen} of {len(links)} links identifiable", "good" if status == "converged" else "bad"),
     ]
-    together = document.get("together", {})
+    together = document.get("together") or {}
     if "std_kg" in together:
         half = INTERVAL_95 * together["std_kg"]
         cards.append((f"{together['estimate_kg']:.2f} ±{half:.2f}{_NBSP}kg", "these links together, 95 %", ""))
     validation = document.get("validation") or {}
     weight, torques = validation.get("weight"), validation.get("torques")
     if weight:
-        text = f"whole robot; the ground carried {weight['carried_kg']:.2f} ±{weight['carried_std_kg']:.2g} kg"
-        cards.append((f"{weight['found_kg']:.2f} kg", text, "" if weight["agrees"] else "bad"))
+        carried = f"{weight['carried_kg']:.2f} ±{INTERVAL_95 * weight['carried_std_kg']:.2g} kg"
+        half = f" ±{INTERVAL_95 * weight['found_std_kg']:.2g}" if weight["found_std_kg"] else ""
+        text = f"whole robot; the ground carried {carried}, 95 %"
+        cards.append((f"{weight['found_kg']:.2f}{half}{_NBSP}kg", text, "" if weight["agrees"] else "bad"))
     if torques:
         before, after = torques["rms_nominal_nm"], torques["rms_identified_nm"]
         what = f"error of torques predicted for {validation['held_out_s']:.1f} s that were held out"
@@ -180,13 +182,17 @@ def _verdict(page: HtmlPage, document: Mapping[str, Any]) -> None:
         return
     page.heading("What the log can reveal")
     page.paragraph(
-        f"Before anything was fitted: {verdict['motion']}, whole robot known to ±{verdict['total_std_kg']:.2g} kg "
-        f"({verdict['sensors']})."
+        f"Before anything was fitted: {verdict['motion']}, whole robot known to "
+        f"±{INTERVAL_95 * verdict['total_std_kg']:.2g} kg ({verdict['sensors']}). What follows ± is a 95 % interval."
     )
-    lines = [f"known only to ±{one['relative_std']:.0%}: {one['text']}" for one in verdict["combinations"]]
+    lines = [
+        f"known only to ±{INTERVAL_95 * one['relative_std']:.0%}: {one['text']}" for one in verdict["combinations"]
+    ]
     lines += [
-        f"known all the same: {' + '.join(one['links'])} together, {one['nominal_kg']:.1f} ±{one['std_kg']:.2g} kg"
+        f"known all the same: {' + '.join(one['links'])} together, {one['estimate_kg']:.2f} "
+        f"±{INTERVAL_95 * one['std_kg']:.2g} kg"
         for one in verdict["sums"]
+        if "estimate_kg" in one
     ]
     lines += [f"what would help: {line}" for line in verdict["advice"]]
     if lines:
