@@ -36,6 +36,16 @@ def warn(message: str) -> None:
     ERR.print(f"massid: warning: {message}", soft_wrap=True, markup=False)
 
 
+def warn_of_hidden(result: Result) -> None:
+    """Say what the logs do not reveal, and what the verdict makes of it; what it did not foresee, a warning tells."""
+    lacking = [name for name in result.hidden if name not in result.unforeseen]
+    if lacking:
+        warn(f"{'this log does' if len(result.sources) == 1 else 'these logs do'} not reveal {', '.join(lacking)}")
+    if result.verdict and result.verdict.hidden:
+        for line in result.verdict.lines():
+            warn(line)
+
+
 def say(message: str) -> None:
     """Print one line on stdout."""
     OUT.print(message, soft_wrap=True, markup=False)

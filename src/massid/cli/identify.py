@@ -86,7 +86,7 @@ class Identify:
     def run(self) -> int:
         """Identify, print the table, write what was asked for."""
         from massid.audit import prepare_walks
-        from massid.cli.console import print_result, progress_bar, say, warn
+        from massid.cli.console import print_result, progress_bar, say, warn, warn_of_hidden
         from massid.identify import identify_offline, identify_online
         from massid.identify.sensing import resolve_noise
         from massid.identify.validation import hold_out, validate
@@ -138,13 +138,7 @@ class Identify:
         print_result(result, scored)
         for warning in result.warnings[len(known) :]:
             warn(warning)
-        lacking = [name for name in result.hidden if name not in result.unforeseen]
-        if lacking:
-            what = "this log does" if len(walks) == 1 else "these logs do"
-            warn(f"{what} not reveal {', '.join(lacking)}")
-        if result.verdict and result.verdict.hidden:
-            for line in result.verdict.lines():
-                warn(line)
+        warn_of_hidden(result)
         if self.json:
             self._write_json(result, scored, parts[0], robot, options)
         self._write(result, scored, walks, robot, complete)
