@@ -63,6 +63,8 @@ def test_identify_prints_the_table_and_writes_everything(
     assert result["l2_error_kg"] < 1e-6 < result["l2_error_initial_kg"]
     assert result["iterations"][0].keys() >= {"window", "mu", "estimate_kg", "l2_error_kg"}
     truth = Truth.load(folder / "walk.truth.json").mass_kg
+    assert main(["report", str(tmp_path / "r.json")]) == 0
+    assert capsys.readouterr().err == ""
     saved = Robot.load(tmp_path / "m.xml")
     np.testing.assert_allclose([saved.nominal_mass_kg(link) for link in LINKS], [truth[link] for link in LINKS])
 

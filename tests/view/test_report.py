@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +22,7 @@ def _document() -> dict[str, object]:
     """A result of two links, one of which was hidden."""
     seen = {"nominal_kg": 4.0, "estimate_kg": 4.4, "std_kg": 0.1, "interval95_kg": [4.2, 4.6], "identifiable": True}
     return {
+        "schema": 1,
         "links": {"torso": seen, "calf<b>": {"nominal_kg": 2.0, "estimate_kg": None, "identifiable": False}},
         "together": {"estimate_kg": 6.5, "std_kg": 0.2},
         "verdict": {
@@ -50,10 +54,16 @@ def _document() -> dict[str, object]:
     }  # fmt: skip
 
 
+def _store(path: Path, document: dict[str, object], covariance: tuple[float, float] = (0.01, 1.0)) -> None:
+    """A document with its sidecar."""
+    np.savez(path.with_suffix(".npz"), covariance=np.diag(covariance))
+    digest = hashlib.sha256(path.with_suffix(".npz").read_bytes()).hexdigest()
+    path.write_text(json.dumps(document | {"sidecar_sha256": digest}))
+
+
 def test_the_page_is_whole_and_hides_what_was_not_found(tmp_path: Path) -> None:
-    (tmp_path / "r.json").write_text(json.dumps(_document()))
-    np.savez(tmp_path / "r.npz", covariance=np.diag([0.01, 1.0]))
-    write_report(tmp_path / "r.json", tmp_path / "r.html")
+    _store(tmp_path / "r.json", _document())
+    assert write_report(tmp_path / "r.json", tmp_path / "r.html") == ()
     page = (tmp_path / "r.html").read_text()
     assert not re.search(r"https?:|<script|<link|<img|url\(", page)
     assert "calf<b>" not in page
@@ -67,6 +77,70 @@ def test_the_page_is_whole_and_hides_what_was_not_found(tmp_path: Path) -> None:
 def test_what_is_not_a_result_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "r.json").write_text(text)
     with pytest.raises(BadInputError, match="massid identify --json"):
+        write_report(tmp_path / "r.json", tmp_path / "r.html")
+
+
+def _swap(sidecar: Path) -> None:
+    _store(sidecar.with_name("other.json"), _document(), (0.02, 1.0))
+    sidecar.with_name("other.npz").replace(sidecar)
+
+
+def _truncate(sidecar: Path) -> None:
+    sidecar.write_bytes(sidecar.read_bytes()[:-40])
+
+
+def _litter(sidecar: Path) -> None:
+    sidecar.write_bytes(b"garbage")
+
+
+@pytest.mark.parametrize("spoil", [_swap, _truncate, _litter])
+def test_a_sidecar_that_is_not_the_results_is_refused(spoil: Callable[[Path], None], tmp_path: Path) -> None:
+    _store(tmp_path / "r.json", _document())
+    spoil(tmp_path / "r.npz")
+    with pytest.raises(BadInputError, match=r"r\.npz is not the sidecar that was written with .*r\.json"):
+        write_report(tmp_path / "r.json", tmp_path / "r.html")
+    assert not (tmp_path / "r.html").exists()
+
+
+def test_a_sidecar_beside_a_result_that_names_none_is_refused(tmp_path: Path) -> None:
+    _store(tmp_path / "r.json", _document())
+    (tmp_path / "r.json").write_text(json.dumps(_document()))
+    with pytest.raises(BadInputError, match="which names none"):
+        write_report(tmp_path / "r.json", tmp_path / "r.html")
+
+
+def test_a_report_without_a_sidecar_says_so(tmp_path: Path) -> None:
+    _store(tmp_path / "r.json", _document())
+    (tmp_path / "r.npz").unlink()
+    (warning,) = write_report(tmp_path / "r.json", tmp_path / "r.html")
+    assert "r.npz does not exist" in warning
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"schema": 7}, "has schema 7; expected schema 1"),
+        ({"schema": None}, "has no schema; expected schema 1"),
+        ({"log_s": math.nan}, "holds the number NaN; expected finite ones"),
+        ({"log_s": "long"}, "/log_s is 'long'; expected a finite number"),
+        ({"log_s": None}, "/log_s is null; expected a finite number"),
+        ({"links": {"torso": {"estimate_kg": 4.0, "identifiable": True}}}, "has no entry /links/torso/nominal_kg"),
+        ({"links": []}, "/links is a list; expected an object"),
+        ({"iterations": [{"window": 0, "time_s": 0.5}]}, "has no entry /iterations/0/estimate_kg"),
+        ({"uncertainty": {"chi2_per_sample": 1.0}}, "has no entry /uncertainty/nuisances"),
+    ],
+)
+def test_a_document_that_lacks_something_is_refused(changes: dict[str, object], message: str, tmp_path: Path) -> None:
+    _store(tmp_path / "r.json", _document() | changes)
+    with pytest.raises(BadInputError, match=re.escape(message)):
+        write_report(tmp_path / "r.json", tmp_path / "r.html")
+
+
+def test_numbers_too_large_are_not_finite(tmp_path: Path) -> None:
+    _store(tmp_path / "r.json", _document())
+    text = (tmp_path / "r.json").read_text().replace('"wall_s": 1.0', '"wall_s": 1e999')
+    (tmp_path / "r.json").write_text(text)
+    with pytest.raises(BadInputError, match="holds the number 1e999"):
         write_report(tmp_path / "r.json", tmp_path / "r.html")
 
 

@@ -193,15 +193,16 @@ class Identify:
         from massid.cli.console import say
         from massid.identify.residuals import channel_residuals
         from massid.identify.result import write_json
-        from massid.identify.sidecar import sidecar_path, write_sidecar
+        from massid.identify.sidecar import DIGEST, sidecar_path, write_sidecar
         from massid.score import with_score
 
         if self.json is None:
             return
         document = result.to_json() | {"reference": reference_fit(result, part.fitted, robot)}
-        write_sidecar(
+        digest = write_sidecar(
             sidecar_path(self.json), result, channel_residuals(result, part.held or part.fitted, robot, options)
         )
+        document |= {DIGEST: digest}
         write_json(with_score(document, scored) if scored else document, self.json)
         say(f"result: {self.json} (massid report {self.json})")
 

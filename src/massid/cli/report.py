@@ -30,7 +30,7 @@ class Report:
 
     def run(self) -> int:
         """Write the page and say where it is."""
-        from massid.cli.console import say
+        from massid.cli.console import say, warn
         from massid.identify.sidecar import sidecar_path
         from massid.view.report import write_report
 
@@ -39,6 +39,7 @@ class Report:
             [("the result", self.result), ("the result's sidecar", sidecar_path(self.result))],
             [("the page (-o)", page)],
         )
-        write_report(self.result, page)
+        for warning in write_report(self.result, page):
+            warn(warning)
         say(f"report: {page}")
         return 0

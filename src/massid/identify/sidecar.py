@@ -1,8 +1,15 @@
-"""A result on disk: its JSON document, and beside it RESULT.npz with the arrays that its report draws."""
+"""A result on disk: its JSON document, and beside it RESULT.npz with the arrays that its report draws.
+
+The document names the SHA-256 of its sidecar, so that neither the sidecar of another result nor a damaged one is taken
+for its own.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +18,11 @@ import numpy as np
 
 from massid.errors import BadInputError
 from massid.identify.residuals import Residuals
-from massid.identify.result import Result
+from massid.identify.result import SCHEMA, Result
 from massid.typing import AnyArray
+
+DIGEST = "sidecar_sha256"
+"""Entry of the document that names its sidecar."""
 
 
 @dataclass(frozen=True)
@@ -22,10 +32,12 @@ class StoredResult:
     Attributes:
         document: what `Result.to_json` gave.
         arrays: of the sidecar; empty if there is none.
+        warnings: what is missing, one line each.
     """
 
     document: dict[str, Any]
     arrays: dict[str, AnyArray]
+    warnings: tuple[str, ...] = ()
 
 
 def sidecar_path(result_path: Path) -> Path:
@@ -33,8 +45,11 @@ def sidecar_path(result_path: Path) -> Path:
     return result_path.with_suffix(".npz")
 
 
-def write_sidecar(path: Path, result: Result, residuals: Residuals | None) -> None:
+def write_sidecar(path: Path, result: Result, residuals: Residuals | None) -> str:
     """Write what the report draws and the document does not hold.
+
+    Returns:
+        The file's SHA-256, for the document's entry `DIGEST`.
 
     Raises:
         BadInputError: the file cannot be written.
@@ -53,32 +68,67 @@ def write_sidecar(path: Path, result: Result, residuals: Residuals | None) -> No
             "residual_nominal": residuals.nominal,
             "residual_identified": residuals.identified,
         }
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # a keyword of savez is no array name
+    content = stream.getvalue()
     try:
-        with path.open("wb") as stream:
-            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # a keyword of savez is no array name
+        path.write_bytes(content)
     except OSError as error:
         raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
+    return hashlib.sha256(content).hexdigest()
 
 
 def read_result(path: Path) -> StoredResult:
     """Read a result document and its sidecar.
 
     Raises:
-        BadInputError: one of them cannot be read, or is something else.
+        BadInputError: one of them cannot be read, is something else or of another schema, holds numbers that are not
+            finite, or the sidecar is not the document's.
     """
     try:
-        document = json.loads(path.read_text())
+        document = json.loads(path.read_text(), parse_constant=_finite, parse_float=_finite)
     except OSError as error:
         raise BadInputError(f"Cannot read {path}: {error.strerror}.") from error
-    except ValueError as error:
+    except _NotFiniteError as error:
+        raise BadInputError(f"{path} holds the number {error}; expected finite ones.") from error
+    except (ValueError, RecursionError) as error:
         raise BadInputError(f"{path} is not JSON; expected what massid identify --json wrote.") from error
     if not isinstance(document, dict) or not {"links", "iterations", "logs", "status"} <= document.keys():
         raise BadInputError(f"{path} is not a result; expected what massid identify --json wrote.")
+    schema = document.get("schema")
+    if schema != SCHEMA:
+        found = "no schema" if schema is None else f"schema {str(schema)[:40]}"
+        raise BadInputError(f"{path} has {found}; expected schema {SCHEMA}, which massid identify --json writes.")
     sidecar = sidecar_path(path)
-    if not sidecar.is_file():
-        return StoredResult(document, {})
+    if not sidecar.exists():
+        missing = f"{sidecar} does not exist: the report lacks correlations, residuals and curves of held-out torques."
+        return StoredResult(document, {}, (missing,))
+    return StoredResult(document, _read_arrays(sidecar, document.get(DIGEST), path))
+
+
+class _NotFiniteError(Exception):
+    """A number in JSON that is not finite."""
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise _NotFiniteError(text)
+    return value
+
+
+def _read_arrays(sidecar: Path, digest: str | None, path: Path) -> dict[str, AnyArray]:
+    """The sidecar's arrays, if they are exactly what was written with the document."""
     try:
-        with np.load(sidecar, allow_pickle=False) as stored:
-            return StoredResult(document, dict(stored))
-    except (OSError, ValueError) as error:
-        raise BadInputError(f"Cannot read {sidecar}: {error}.") from error
+        content = sidecar.read_bytes()
+    except OSError as error:
+        raise BadInputError(f"Cannot read {sidecar}: {error.strerror}.") from error
+    found = hashlib.sha256(content).hexdigest()
+    if found != digest:
+        expected = f"expected {digest[:12]}" if isinstance(digest, str) else "which names none"
+        raise BadInputError(
+            f"{sidecar} is not the sidecar that was written with {path} (SHA-256 {found[:12]}, {expected}): it belongs "
+            "to another result or is damaged. Remove it for a report without its charts."
+        )
+    with np.load(io.BytesIO(content), allow_pickle=False) as stored:
+        return dict(stored)

@@ -13,6 +13,7 @@ from massid.identify.sidecar import read_result
 from massid.typing import AnyArray, FloatArray
 from massid.view.chart import Chart
 from massid.view.colours import LINK_COLOURS
+from massid.view.document import check_document
 from massid.view.page import HtmlPage
 
 _BEFORE, _AFTER, _REFERENCE, _TRUTH = "#c3ccd6", "#0a8a78", "#d9822b", "#1d2229"
@@ -32,18 +33,22 @@ _KINDS = {
 }
 
 
-def write_report(result_path: Path, page_path: Path) -> None:
+def write_report(result_path: Path, page_path: Path) -> tuple[str, ...]:
     """Turn a result document and its sidecar into one page.
 
     Args:
         result_path: JSON that `massid identify --json` wrote.
         page_path: HTML to write.
 
+    Returns:
+        What the page lacks, one line each.
+
     Raises:
-        BadInputError: the document cannot be read, or the page not written.
+        BadInputError: the document or its sidecar cannot be read or lacks an entry, or the page cannot be written.
     """
     stored = read_result(result_path)
     document, arrays = stored.document, stored.arrays
+    check_document(document, result_path)
     page = HtmlPage(f"massid: {', '.join(document['logs'])}")
     _head(page, document)
     _masses(page, document)
@@ -55,6 +60,7 @@ def write_report(result_path: Path, page_path: Path) -> None:
     _residuals(page, document, arrays)
     _nuisances(page, document)
     page.write(page_path)
+    return stored.warnings
 
 
 def _head(page: HtmlPage, document: Mapping[str, Any]) -> None:
