@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,6 +15,10 @@ from massid.errors import BadInputError, unknown_name
 from massid.identify.result import Result
 from massid.typing import FloatArray
 
+_SAME_NOMINAL = 1e-3
+"""Share of a nominal mass by which two model files of one robot may differ: MJCF text is rounded."""
+_LISTED = 3
+
 
 @dataclass(frozen=True)
 class Truth:
@@ -21,11 +27,13 @@ class Truth:
     Attributes:
         mass_kg: by link.
         quantities: of what else may be asked for, by its name in a result, such as "payload/torso@-0.1,0,0.3".
+        nominal_kg: by link, of the model that the truth was made from; empty if the file does not say.
         source: name of the file.
     """
 
     mass_kg: dict[str, float]
     quantities: dict[str, float] = field(default_factory=dict)
+    nominal_kg: dict[str, float] = field(default_factory=dict)
     source: str = "truth"
 
     @classmethod
@@ -38,15 +46,45 @@ class Truth:
         """
         try:
             document = json.loads(path.read_text())
-            masses = {link: float(entry["true_kg"]) for link, entry in document["links"].items()}
-            quantities = {name: float(value) for name, value in document.get("quantities", {}).items()}
+            links = document["links"]
+            masses = {link: _finite(entry["true_kg"]) for link, entry in links.items()}
+            nominal = {link: _finite(entry["nominal_kg"]) for link, entry in links.items() if "nominal_kg" in entry}
+            quantities = {name: _finite(value) for name, value in document.get("quantities", {}).items()}
         except OSError as error:
             raise BadInputError(f"Truth file {path}: {error.strerror}.") from error
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise BadInputError(
                 f'Truth file {path} does not hold {{"links": {{"<body>": {{"true_kg": ..}}}}}} as JSON ({error}).'
             ) from error
-        return cls(masses, quantities, path.name)
+        return cls(masses, quantities, nominal, path.name)
+
+    def check_robot(self, nominal_kg: Mapping[str, float]) -> tuple[str, ...]:
+        """Compare the robot that the truth is about with the one whose masses are asked for.
+
+        Args:
+            nominal_kg: by link that is asked for.
+
+        Returns:
+            A warning if nominal masses differ: errors then say nothing, unless the model was changed on purpose.
+
+        Raises:
+            BadInputError: the truth file does not have one of the links.
+        """
+        for link in nominal_kg:
+            if link not in self.mass_kg:
+                raise BadInputError(unknown_name("link", link, self.mass_kg, self.source))
+        other = [
+            f"{link} {self.nominal_kg[link]:.4g} kg, here {here_kg:.4g} kg"
+            for link, here_kg in nominal_kg.items()
+            if abs(self.nominal_kg.get(link, here_kg) - here_kg) > _SAME_NOMINAL * here_kg
+        ]
+        if not other:
+            return ()
+        more = f" and {len(other) - _LISTED} more" if len(other) > _LISTED else ""
+        return (
+            f"{self.source} is of a robot with other nominal masses ({'; '.join(other[:_LISTED])}{more}): if it is not "
+            "the truth of this log, the errors mean nothing.",
+        )
 
 
 @dataclass(frozen=True)
@@ -77,9 +115,7 @@ def score(result: Result, truth: Truth) -> Score:
         BadInputError: the truth file does not have one of the identified links.
     """
     links = list(result.estimate_kg)
-    for link in links:
-        if link not in truth.mass_kg:
-            raise BadInputError(unknown_name("link", link, truth.mass_kg, truth.source))
+    truth.check_robot(result.nominal_kg)
 
     def errors(masses_kg: dict[str, float]) -> FloatArray:
         return np.array([masses_kg[link] - truth.mass_kg[link] for link in links])
@@ -94,6 +130,13 @@ def score(result: Result, truth: Truth) -> Score:
         true_quantities={one.name: truth.quantities[one.name] for one in known},
         quantity_errors={one.name: one.estimate - truth.quantities[one.name] for one in known},
     )
+
+
+def _finite(number: Any) -> float:
+    value = float(number)
+    if not math.isfinite(value):
+        raise ValueError(f"{number} is not finite")
+    return value
 
 
 def with_score(document: dict[str, Any], scored: Score) -> dict[str, Any]:

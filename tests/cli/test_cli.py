@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import shutil
 from dataclasses import replace
@@ -223,21 +224,59 @@ def test_bad_arguments_are_one_line_and_code_2(
     assert message in error
 
 
-@pytest.mark.parametrize("mode", ["online", "offline"])
-@pytest.mark.parametrize("arguments", [("--bank-size", "3"), ("--dwell-s", "10"), ("--dwell-s", "0.001")])
-def test_what_does_not_fit_the_log_is_said_before_the_verdict(
-    arguments: tuple[str, str],
-    mode: str,
-    folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+@pytest.fixture
+def unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The verdict fails the test."""
+
     def foresee(*_: object) -> None:
         raise AssertionError("judged already")
 
     monkeypatch.setattr("massid.identify.verdict.foresee", foresee)
+
+
+@pytest.mark.parametrize("mode", ["online", "offline"])
+@pytest.mark.parametrize("arguments", [("--bank-size", "3"), ("--dwell-s", "10"), ("--dwell-s", "0.001")])
+def test_what_does_not_fit_the_log_is_said_before_the_verdict(
+    arguments: tuple[str, str], mode: str, folder: Path, unjudged: None, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert identify(folder, "--mode", mode, *arguments) == 2
     assert capsys.readouterr().err.startswith("massid: error: ")
+
+
+def truth_of(kg: float, nominal_kg: float) -> str:
+    return json.dumps({"links": {link: {"true_kg": kg, "nominal_kg": nominal_kg} for link in LINKS}})
+
+
+def test_the_truth_of_another_robot_is_warned_of(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = tmp_path / "other.truth.json"
+    other.write_text(truth_of(70.0, 66.0))
+    options = ("--links", ROBOT_LINKS, "--dwell-s", "0.25")
+    assert identify(folder, *options, "--truth", str(other)) == 0
+    assert "other.truth.json is of a robot with other nominal masses (torso 66 kg, here" in capsys.readouterr().err
+    assert identify(folder, *options, "--truth", str(folder / "walk.truth.json")) == 0
+    assert "other nominal masses" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"links": {"pelvis": {"true_kg": 1.0}}}', "has no link named 'torso'"),
+        (truth_of(math.nan, 1.0), "nan is not finite"),
+    ],
+)
+def test_a_truth_that_cannot_be_used_is_said_before_the_verdict(
+    text: str,
+    message: str,
+    folder: Path,
+    tmp_path: Path,
+    unjudged: None,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "other.truth.json").write_text(text)
+    assert identify(folder, "--links", ROBOT_LINKS, "--truth", str(tmp_path / "other.truth.json")) == 2
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["robot", "nowhere.xml"])

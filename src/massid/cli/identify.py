@@ -24,6 +24,7 @@ from massid.identify.options import IdentifyOptions
 from massid.identify.result import Status
 from massid.log.walk import Walk
 from massid.outputs import check_outputs
+from massid.parameters import Kind
 from massid.robot import Robot
 from massid.search.guided import check_bank_size, enough_models
 from massid.unknowns import parameter_space
@@ -119,6 +120,9 @@ class Identify:
             friction=parse_names("--friction", self.friction),
             damping=parse_names("--damping", self.damping),
         )
+        weighed = {one.target: one.nominal for one in space.parameters if one.kind is Kind.MASS}
+        for warning in truth.check_robot(weighed) if truth else ():
+            warn(warning)
         options = options_for(self.options, [one.audit for one in prepared], len(space))
         parts = [hold_out(walk, self.held_out) for walk in walks]
         fitted, held = [part.fitted for part in parts], [part.held for part in parts]
