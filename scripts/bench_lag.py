@@ -8,6 +8,7 @@ on the same stamps or on topics stamped later. Seven links are off by a quarter 
 
 from __future__ import annotations
 
+import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -37,8 +38,11 @@ def error(log: Walk, robot: Robot, links: tuple[str, ...], truth: FloatArray) ->
 
 def main() -> None:
     """Record once, log in several ways, print one line each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=6.0, help="of walking")
+    seconds = parser.parse_args().seconds
     robot = Robot.load(resolve_model("atlas"))
-    recorded, motion, space, truth = walk(robot, Bench(seconds=6.0))
+    recorded, motion, space, truth = walk(robot, Bench(seconds=seconds))
     links = tuple(parameter.target for parameter in space.parameters)
     before = float(np.linalg.norm(space.nominal - truth))
     sys.stdout.write(f"{motion}, L2 mass error {before:.2f} kg before\n")

@@ -4,12 +4,17 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError
-from massid.parameters import Parameter, ParameterSpace
+from massid.parameters import Kind, Parameter, ParameterSpace
 
 
 def test_mass_lies_in_the_default_theta() -> None:
     mass = Parameter.mass("torso", 10.0)
     assert (mass.lower, mass.upper, mass.unit, mass.name) == (3.0, 25.0, "kg", "mass/torso")
+
+
+def test_offsets_of_a_contact_sensor_have_the_unit_of_their_axis() -> None:
+    units = [Parameter.nuisance(Kind.WRENCH_OFFSET, target, 1.0).unit for target in ("sole/2", "sole/3", "sole/0@2")]
+    assert units == ["N", "N m", "N"]
 
 
 def test_projection_ends_in_theta_and_leaves_inner_points_alone() -> None:

@@ -63,7 +63,7 @@ UNITS = {
     Kind.EFFORT_OFFSET: "N m",
     Kind.EFFORT_GAIN: "1",
     Kind.EFFORT_LAG: "s",
-    Kind.WRENCH_OFFSET: "N, N m",
+    Kind.WRENCH_OFFSET: "N",
     Kind.WRENCH_GAIN: "1",
     Kind.WRENCH_LAG: "s",
     Kind.ENCODER_OFFSET: "rad",
@@ -79,6 +79,8 @@ _SENSOR_ERRORS = (
     Kind.WRENCH_LAG,
     Kind.ENCODER_OFFSET,
 )
+_FORCE_AXES = 3
+"""Axes of a contact sensor that come before its moments."""
 ALL = "all"
 """Target of what is one number for all sensors of a kind."""
 
@@ -162,6 +164,8 @@ class Parameter:
     @property
     def unit(self) -> str:
         """SI unit of the value."""
+        if self.kind is Kind.WRENCH_OFFSET and int(self.entry.partition("@")[0]) >= _FORCE_AXES:
+            return "N m"
         return UNITS[self.kind]
 
     @classmethod

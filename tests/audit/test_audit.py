@@ -44,6 +44,14 @@ def test_a_sound_log_gives_no_warning_whatever_the_masses(log: Pushed) -> None:
     assert audit.walk.segments == log.walk.segments
 
 
+def test_a_torque_channel_that_is_not_connected_is_named(log: Pushed) -> None:
+    effort = log.walk.effort.copy()
+    effort[:, 3] = 0.0
+    name = log.robot.joint_names[3]
+    said = audit_walk(log.robot, replace(log.walk, effort=effort)).warnings
+    assert any(f"torque of {name} never changes" in line for line in said)
+
+
 @pytest.fixture(scope="module")
 def standing(log: Pushed) -> Walk:
     return push_about(log.robot, log.space, log.truth, seconds=1.0, amplitude=0.0)

@@ -10,6 +10,7 @@ import pytest
 
 from massid.assets import sample_walk
 from massid.cli import main
+from massid.cli.inspect import _lag
 from massid.log import WalkWriter, read_walk
 from tests.conftest import Pushed
 
@@ -37,6 +38,12 @@ def test_inspect_tells_topics_physics_and_verdict(
     page = (tmp_path / "page.html").read_text()
     assert page.count("<svg") == 4
     assert "the ground carries" in page
+
+
+def test_inspect_calls_nothing_measured_that_is_not(log: Path, tmp_path: Path) -> None:
+    walk = read_walk(log)
+    assert _lag(0.0012, walk) == "+1.20 ms"
+    assert _lag(-0.02458, walk) == "not measurable"
 
 
 def test_inspect_without_a_model_still_tells_what_is_in_the_file(log: Path, capsys: pytest.CaptureFixture[str]) -> None:

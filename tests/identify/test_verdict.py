@@ -9,9 +9,10 @@ import pytest
 
 from massid.identify import IdentifyOptions, Status, identify_offline, identify_online
 from massid.identify.combinations import open_combinations
+from massid.identify.logs import gather_logs, gather_warnings
 from massid.identify.motion import Motion, observe_motion
 from massid.identify.verdict import Verdict, foresee
-from massid.log.walk import Walk
+from massid.log.walk import Segment, Walk
 from massid.noise import PRESETS, Sensors
 from massid.robot import Robot
 from massid.unknowns import mass_space
@@ -152,6 +153,24 @@ def test_a_verdict_says_whose_noise_it_takes(pushed: Pushed) -> None:
     assert said["auto"] == "the log's own noise"
     assert said["clean"].endswith("as --noise clean was asked for")
     assert said["white"] == "--noise white"
+
+
+def test_a_noisy_log_that_is_called_clean_is_contradicted(pushed: Pushed) -> None:
+    noisy = _measured(pushed.walk, "realistic")
+    (doubtful,) = gather_logs(noisy, pushed.robot, pushed.space, IdentifyOptions(noise="clean"))
+    assert "shows noise of" in gather_warnings([doubtful])[-1]
+    (clean,) = gather_logs(pushed.walk, pushed.robot, pushed.space, IdentifyOptions(noise="clean"))
+    assert not clean.doubts
+
+
+def test_a_search_that_a_short_log_ends_says_so(pushed: Pushed) -> None:
+    short = replace(pushed.walk, segments=(Segment(0, 260),))
+    result = identify_online(short, pushed.robot, pushed.space, IdentifyOptions(dwell_s=0.25))
+    assert result.status is not Status.CONVERGED
+    said = replace(result, status=Status.NOT_CONVERGED).unsettled
+    assert said is not None
+    assert "kg in " in said
+    assert said.endswith("--mode offline")
 
 
 def test_noise_does_not_make_a_standing_robot_move(standing: Walk) -> None:

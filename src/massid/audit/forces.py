@@ -31,6 +31,8 @@ _RUNGE_KUTTA = (
     "implicitfast gives exact masses"
 )
 _BETTER = 0.5
+_MOVING = 0.02
+"""Standard deviation of a velocity beyond which a joint is said to move [rad/s]."""
 _LOADED = 0.02  # of the weight: less than this on a body is no stance
 _SHOWN = 4
 _IMPLICIT = (int(mujoco.mjtIntegrator.mjINT_IMPLICIT), int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST))
@@ -105,6 +107,28 @@ def weight_suspicions(weight: Weight) -> list[str]:
     if 0.0 <= ratio < WEIGHT_RANGE[0]:
         return [f"{said}: a body that touches the ground may have no wrench topic, or forces may not be in newtons."]
     return [f"{said}: forces may not be in newtons, or a wrench may be counted twice."]
+
+
+def torque_suspicions(robot: Robot, walk: Walk) -> list[str]:
+    """Name driven joints that move while their torque channel reads one number all along, and others do not."""
+    model, rows = robot.model, np.concatenate([np.arange(part.start, part.stop) for part in walk.segments])
+    spread = np.ptp(walk.effort[rows], axis=0)
+    is_flat = spread <= _EXACT * np.abs(walk.effort).max(initial=0.0)
+    moves = walk.qvel[rows, 6:].std(axis=0) > _MOVING
+    on_joints = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
+    driven = {model.joint(int(joint)).name for joint in model.actuator_trnid[on_joints, 0]}
+    dead = [
+        name
+        for name, flat, moving in zip(robot.joint_names, is_flat, moves, strict=True)
+        if flat and moving and (name in driven or not model.nu)
+    ]
+    if not dead or is_flat.all():
+        return []
+    more = f" and {len(dead) - _SHOWN} more" if len(dead) > _SHOWN else ""
+    return [
+        f"the torque of {', '.join(dead[:_SHOWN])}{more} never changes although the joint moves: a channel that is not "
+        "connected, or not mapped (joints: effort)."
+    ]
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from massid.audit.balance import measure_balance
-from massid.audit.forces import Rest, Weight, check_rest, check_weight, weight_suspicions
+from massid.audit.forces import Rest, Weight, check_rest, check_weight, torque_suspicions, weight_suspicions
 from massid.audit.kinematics import Kinematics, check_kinematics
 from massid.audit.lag import Lag, estimate_lag, lag_margin
 from massid.audit.limits import limit_suspicions
@@ -66,7 +66,7 @@ def audit_walk(robot: Robot, walk: Walk, *, thorough: bool = False) -> Audit:
     if contact.samples.any():
         walk = without_samples(walk, contact.samples)
     weight = check_weight(robot, walk)
-    lines += weight_suspicions(weight)
+    lines += weight_suspicions(weight) + torque_suspicions(robot, walk)
     balance = measure_balance(robot, walk, lag_margin(walk))
     lag = rest = one_step = None
     if balance is not None:

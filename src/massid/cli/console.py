@@ -113,6 +113,8 @@ def print_result(result: Result, scored: Score | None) -> None:
     unit = "dwell windows" if result.mode == "online" else "passes over the log"
     speed = f"{result.log_s:.1f} s of walking in {result.wall_s:.1f} s"
     say(f"\n{result.status} after {len(result.windows)} {unit} ({speed})")
+    if result.unsettled:
+        say(result.unsettled)
     if result.validation is not None:
         for line in result.validation.lines():
             say(line)

@@ -42,6 +42,10 @@ EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVER
 class Identify:
     """Find the masses of a robot's links from the log of a walk, or from several logs of the same robot.
 
+    A log without noise is read once. A noisy one is replayed several times, which takes a few times its length. Its
+    white noise is read off it (--noise auto); offsets and gains, which no log shows, are taken as in --noise realistic.
+    What is printed after +- is a 95 % interval.
+
     Examples:
       massid identify walk.mcap --model robot.xml --links torso,l_thigh,r_thigh
       massid identify monday.mcap tuesday.mcap --model robot.xml --mode offline

@@ -16,7 +16,10 @@ from massid.unknowns import mass_space
 if TYPE_CHECKING:
     from massid.audit import Audit, Prepared
     from massid.cli.report_page import Page
-    from massid.log import LogSummary
+    from massid.log import LogSummary, Walk
+
+_LEAST_LOAD = 0.05
+"""Share of the weight below which the direction of the mean force means nothing."""
 
 
 @dataclass(frozen=True)
@@ -137,17 +140,25 @@ def _share(value: float | None) -> str:
     return "hardly moves" if value is None else f"{value:.2%}"
 
 
+def _lag(lag_s: float, walk: Walk) -> str:
+    """A lag in words; one that ends at the border of the search was not found."""
+    from massid.audit.lag import lag_margin
+
+    is_inside = abs(lag_s) < (lag_margin(walk) - 1) * walk.timestep_s
+    return f"{lag_s * 1e3:+.2f} ms" if is_inside else "not measurable"
+
+
 def _physics_lines(audit: Audit, measured_kg: float, nominal_kg: float) -> list[str]:
-    lines = [
-        f"the ground carries {measured_kg:.2f} kg on average, the model weighs {nominal_kg:.2f} kg; the mean force "
-        f"leans {audit.weight.tilt_rad * 57.29578:.1f} degrees"
-    ]
+    leaning = f"the mean force leans {audit.weight.tilt_rad * 57.29578:.1f} degrees"
+    if abs(measured_kg) < _LEAST_LOAD * nominal_kg:
+        leaning = "too little for a direction"
+    lines = [f"the ground carries {measured_kg:.2f} kg on average, the model weighs {nominal_kg:.2f} kg; {leaning}"]
     contact = audit.self_contact
     lines.append(f"links touch each other in {int(contact.samples.sum())} of {len(contact.samples)} samples")
     if audit.lag is not None:
         lines.append(
-            f"lag against the state: torques {audit.lag.effort_s * 1e3:+.2f} ms, wrenches "
-            f"{audit.lag.wrench_s * 1e3:+.2f} ms ({'compensated' if audit.lag.believed else 'not compensated'})"
+            f"lag against the state: torques {_lag(audit.lag.effort_s, audit.walk)}, wrenches "
+            f"{_lag(audit.lag.wrench_s, audit.walk)} ({'compensated' if audit.lag.believed else 'not compensated'})"
         )
     if audit.rest is not None:
         lines.append(f"force that neither the log nor any link masses explain: {audit.rest.share:.2%}")

@@ -26,11 +26,13 @@ class Log:
         walk: its joints in the robot's order.
         noise: of its sensors; None for a log without noise.
         space: the parameters asked for, followed by this log's nuisances.
+        doubts: what speaks against how it is identified, one line each.
     """
 
     walk: Walk
     noise: SensorNoise | None
     space: ParameterSpace
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ def gather_logs(
         walk = robot.align(one)
         noise = resolve_noise(walk, robot, options)
         own = space if noise is None else with_nuisances(space, robot, walk, noise, options)
-        logs.append(Log(walk, noise, own))
+        logs.append(Log(walk, noise, own, _doubts(walk, robot, options)))
     noisy = [log.walk.source for log in logs if log.noise is not None]
     clean = [log.walk.source for log in logs if log.noise is None]
     if noisy and clean:
@@ -74,6 +76,19 @@ def gather_logs(
             "both have (--noise white or realistic)."
         )
     return tuple(logs)
+
+
+def _doubts(walk: Walk, robot: Robot, options: IdentifyOptions) -> tuple[str, ...]:
+    """Say so if a log is called clean and is not."""
+    if options.noise != "clean":
+        return ()
+    noise = resolve_noise(walk, robot, replace(options, noise="auto"))
+    if noise is None:
+        return ()
+    return (
+        f"{walk.source} is taken as --noise clean, but shows noise of {noise.joint_velocity:.2g} rad/s in the joint "
+        "velocities, which no forces explain: without that option the noise is read off the log.",
+    )
 
 
 def join_spaces(logs: Sequence[Log]) -> JointSpace:
@@ -128,5 +143,6 @@ def _columns_of(before: ParameterSpace, space: ParameterSpace) -> IntArray:
 
 
 def gather_warnings(logs: Sequence[Log]) -> tuple[str, ...]:
-    """What reading all logs had to say."""
-    return tuple(warning for log in logs for warning in log.walk.warnings)
+    """What reading all logs had to say, then what speaks against how they are identified."""
+    read = tuple(warning for log in logs for warning in log.walk.warnings)
+    return read + tuple(doubt for log in logs for doubt in log.doubts)

@@ -21,7 +21,8 @@ class IdentifyOptions:
         damping_ratio: zeta of the output injection.
         forgetting_rate: lambda of the monitoring signal (Eq. 6) [1/s].
         passes: offline only: how often the log is replayed at most.
-        noise: sensor noise of the log: clean, white, realistic or harsh, or auto to read it off the log.
+        noise: sensor noise of the log: clean, white, realistic or harsh, or auto to read white noise off the log and
+            take offsets and gains as in realistic.
         other_links: relative standard deviation of the masses of links that are not asked for (noisy logs only).
         link_inertia: relative standard deviation of the rotational inertia, at its mass, of each link that is asked for
             (noisy logs only).

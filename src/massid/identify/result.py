@@ -190,6 +190,19 @@ class Result:
         )
 
     @property
+    def unsettled(self) -> str | None:
+        """Why the search did not converge and what helps, in words; None if it did."""
+        if self.status is not Status.NOT_CONVERGED:
+            return None
+        step = np.abs(self.windows[-1].newton_step)
+        worst = int(np.argmax(step / self.space.scale))
+        parameter = self.space.parameters[worst]
+        said = f"the last step was still {step[worst]:.2g} {parameter.unit} in {parameter.target}, not yet nothing"
+        if self.mode == "online":
+            return f"{said}, when the log ended: walk longer, or replay the log with --mode offline"
+        return f"{said}: more --passes, a longer walk, or see the warnings for what is wrong"
+
+    @property
     def contradicted(self) -> bool:
         """Whether the windows of a noisy log contradict each other: model, log or assumed noise are wrong."""
         return self.uncertainty is not None and self.uncertainty.inflation >= LARGEST_INFLATION

@@ -114,7 +114,7 @@ class Verdict:
         said = f"{self.facts.motion}; whole robot {total} (95 %, {self.sensors})"
         if not self.hidden:
             worst = int(np.argmax(self.std / self.space.scale))
-            shown = f"all {len(self.links)} links" if len(self.links) > 1 else "the link"
+            shown = {1: "the link", 2: "both links"}.get(len(self.links), f"all {len(self.links)} links")
             half = f"+-{INTERVAL_95 * self.std[worst]:.2g} kg"
             return [
                 f"{said}; the motion shows {shown}, {self.links[worst]} worst, to {half}",
