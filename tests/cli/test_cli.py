@@ -295,6 +295,26 @@ def test_bad_hidden_masses(argument: str, message: str, tmp_path: Path, capsys: 
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [("record w.mcap", "--seconds"), ("demo --out d", "--seconds"), ("paper --only A --out p", "--walk-s")],
+)
+@pytest.mark.parametrize("value", ["inf", "nan"])
+def test_times_are_finite(
+    command: str,
+    option: str,
+    value: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([*command.split(), option, value]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"massid: error: {option} is {value}; it must be a finite number")
+    assert error.count("\n") == 1
+
+
 @pytest.mark.parametrize("command", ["demo", "record", "identify", "report", "view", "links"])
 def test_every_command_has_help_with_examples(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as stop:

@@ -21,7 +21,7 @@ from massid.cli.record import Record
 from massid.cli.repair import Repair
 from massid.cli.report import Report
 from massid.cli.view import View
-from massid.errors import BadInputError, MassidError
+from massid.errors import MassidError
 from massid.ranges import OptionError
 
 DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
@@ -47,6 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             sys.stdout.write(f"massid {version('massid')}\n")
             return 0
         return _parse(arguments).run()
+    except OptionError as error:
+        sys.stderr.write(f"massid: error: --{error.option.replace('_', '-')} {error.problem}\n")
+        return error.exit_code
     except MassidError as error:
         sys.stderr.write(f"massid: error: {error}\n")
         return error.exit_code
@@ -68,10 +71,7 @@ def _parse(arguments: Sequence[str]) -> Command:
         for command in COMMANDS
     ]
     union: Any = Union[tuple(described)]  # noqa: UP007  # built at run time
-    try:
-        parsed = tyro.cli(
-            union, prog="massid", description=DESCRIPTION, args=arguments, config=(tyro.conf.OmitArgPrefixes,)
-        )
-    except OptionError as error:
-        raise BadInputError(f"--{error.option.replace('_', '-')} {error.problem}") from error
+    parsed = tyro.cli(
+        union, prog="massid", description=DESCRIPTION, args=arguments, config=(tyro.conf.OmitArgPrefixes,)
+    )
     return cast("Command", parsed)

@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from massid.ranges import require_not_negative
+
 
 @dataclass(frozen=True)
 class Paper:
@@ -38,6 +40,7 @@ class Paper:
         from massid.paper.page import summary_lines, write_page
         from massid.paper.reproduce import PARTS, reproduce
 
+        require_not_negative({"walk_s": self.walk_s})
         parts = (self.only,) if self.only else PARTS
         with progress_bar("paper") as progress:
             outcome = reproduce(self.out, parts, self.walk_s, self.seed, progress)

@@ -13,6 +13,7 @@ from massid.cli.arguments import MassErrorList, OptionalKg
 from massid.errors import BadInputError, FallError
 from massid.noise import NoisePreset
 from massid.outputs import check_outputs
+from massid.ranges import require_positive
 
 if TYPE_CHECKING:
     from massid.plant import HiddenMasses, RecordingReport
@@ -79,6 +80,7 @@ class Record:
 
         if self.mass and self.mass_error_kg is not None:
             raise BadInputError("Give either --mass or --mass-error-kg, not both.")
+        require_positive({"seconds": self.seconds})
         model = resolve_model(self.robot)
         truth = truth_path(self.out)
         check_outputs(
