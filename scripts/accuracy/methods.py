@@ -18,6 +18,7 @@ from massid.identify.posterior import INTERVAL_95
 from massid.identify.result import Result
 from massid.identify.sensing import with_nuisances
 from massid.identify.verdict import foresee
+from massid.log.walk import Walk
 from massid.noise import PRESETS
 from massid.observer.blas import single_threaded
 from massid.parameters import ParameterSpace
@@ -43,9 +44,9 @@ def options_of(case: Case, threads: int = 0) -> IdentifyOptions:
     )
 
 
-def _all_unknowns(case: Case, given: Given) -> ParameterSpace:
-    """What the estimator takes as unknown, with the same priors."""
-    return with_nuisances(given.space, given.robot, given.clean, PRESETS[case.preset], options_of(case))
+def _all_unknowns(case: Case, given: Given, walk: Walk) -> ParameterSpace:
+    """What the estimator takes as unknown, with the same priors; offsets of force sensors as this walk shows them."""
+    return with_nuisances(given.space, given.robot, walk, PRESETS[case.preset], options_of(case))
 
 
 def _massid(case: Case, given: Given, threads: int) -> dict[str, Any]:
@@ -84,7 +85,7 @@ def _belief(result: Result, error: np.ndarray) -> dict[str, Any]:  # type: ignor
 
 
 def _bound(case: Case, given: Given, _threads: int) -> dict[str, Any]:
-    space = _all_unknowns(case, given)
+    space = _all_unknowns(case, given, given.clean)
     found: dict[str, Any] = {}
     for name, gate in (("gated", True), ("open", False)):
         bound = cramer_rao(given.clean, given.robot, space, given.truth(space), PRESETS[case.preset], gate=gate)
@@ -93,7 +94,7 @@ def _bound(case: Case, given: Given, _threads: int) -> dict[str, Any]:
 
 
 def _least_squares(case: Case, given: Given, _threads: int) -> dict[str, Any]:
-    space = _all_unknowns(case, given)
+    space = _all_unknowns(case, given, given.noisy)
     asked = len(given.space)
     truth = given.truth(given.space)
     started = time.perf_counter()
