@@ -37,7 +37,11 @@ def _document() -> dict[str, object]:
         "validation": None,
         "uncertainty": {
             "chi2_per_sample": 1.01,
-            "nuisances": {"effort_offset/knee": {"estimate": 0.1, "std": 0.4, "prior_std": 0.4, "nominal": 0.0}},
+            "noise": {"force_offset": 4.0},
+            "nuisances": {
+                "effort_offset/knee": {"unit": "N m", "estimate": 0.1, "std": 0.4, "prior_std": 0.4, "nominal": 0.0},
+                "wrench_offset/sole/2": {"unit": "N", "estimate": 3.0, "std": 0.06, "prior_std": 0.06, "nominal": 3.0},
+            },
         },
         "iterations": [
             {"window": k, "time_s": 0.5 * (k + 1), "chi2": 1.0, "std_kg": None}
@@ -50,7 +54,8 @@ def _document() -> dict[str, object]:
         "warnings": ["a sensor drifts"],
         "wall_s": 1.0,
         "log_s": 1.0,
-        "reference": None,
+        "reference": {"estimate_kg": {"torso": 4.5, "calf<b>": 9.876}, "method": "least squares", "cutoff_hz": 10.0},
+        "options": {"noise": "auto", "bank_size": 24, "search": {"radius": 0.1}},
     }  # fmt: skip
 
 
@@ -69,6 +74,10 @@ def test_the_page_is_whole_and_hides_what_was_not_found(tmp_path: Path) -> None:
     assert "calf<b>" not in page
     assert "calf&lt;b&gt;" in page
     assert "2.300" not in page  # what the search ended with for a hidden link
+    assert "9.876" not in page  # what least squares say of it
+    for text in ("knee +0.1 ±0.78 N m", "sole force z +3 ±0.12 N", "read off the log", "bank-size"):
+        assert text in page, text
+    assert '<td>force offsets</td><td class="n">1</td><td class="n">1</td>' in page
     for text in ("4.400", "4.200 – 4.600", "not identifiable", "a sensor drifts", "what would help: walk", "±98%"):
         assert text in page, text
 

@@ -206,7 +206,8 @@ class Identify:
 
         if self.json is None:
             return
-        document = result.to_json() | {"reference": reference_fit(result, part.fitted, robot)}
+        settings = replace(options, noise=self.options.noise).to_json()
+        document = result.to_json() | {"reference": reference_fit(result, part.fitted, robot), "options": settings}
         digest = write_sidecar(
             sidecar_path(self.json), result, channel_residuals(result, part.held or part.fitted, robot, options)
         )

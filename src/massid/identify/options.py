@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Literal
+import math
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, Literal
 
 from massid.noise import NoisePreset, SensorNoise
 from massid.ranges import require_not_negative, require_positive
@@ -55,6 +56,14 @@ class IdentifyOptions:
         """
         return self.search if noise is None else replace(self.search, candidates=0)
 
+    def to_json(self) -> dict[str, Any]:
+        """As plain JSON values, an infinite one as null."""
+        document = asdict(self)
+        search = document.pop("search")
+        return {name: _finite(value) for name, value in document.items()} | {
+            "search": {name: _finite(value) for name, value in search.items()}
+        }
+
     def __post_init__(self) -> None:
         require_positive(
             {
@@ -75,3 +84,7 @@ class IdentifyOptions:
                 "seed": self.seed,
             }
         )
+
+
+def _finite(value: Any) -> Any:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

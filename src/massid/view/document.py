@@ -82,7 +82,15 @@ _QUANTITY = _Object(
 _VALIDATION = _Object(
     {"held_out_s": _NUMBER},
     {
-        "weight": _Object({"found_kg": _NUMBER, "carried_kg": _NUMBER, "carried_std_kg": _NUMBER, "agrees": _FLAG}),
+        "weight": _Object(
+            {
+                "found_kg": _NUMBER,
+                "found_std_kg": _NUMBER,
+                "carried_kg": _NUMBER,
+                "carried_std_kg": _NUMBER,
+                "agrees": _FLAG,
+            }
+        ),
         "torques": _Object(
             {
                 "cutoff_hz": _NUMBER,
@@ -96,9 +104,13 @@ _VALIDATION = _Object(
 _UNCERTAINTY = _Object(
     {
         "chi2_per_sample": _NUMBER,
-        "nuisances": _Map(_Object({"estimate": _NUMBER, "std": _NUMBER, "prior_std": _POSITIVE}, {"nominal": _NUMBER})),
-    }
+        "nuisances": _Map(
+            _Object({"unit": _TEXT, "estimate": _NUMBER, "std": _NUMBER, "prior_std": _POSITIVE}, {"nominal": _NUMBER})
+        ),
+    },
+    {"noise": _Map(_NUMBER)},
 )
+_OPTIONS = _Object({}, {"noise": _TEXT, "search": _Map(_Value("a value", lambda value: True))})
 
 
 def _result_of(links: Mapping[str, Any]) -> _Object:
@@ -112,7 +124,9 @@ def _result_of(links: Mapping[str, Any]) -> _Object:
             "total_std_kg": _NUMBER,
             "predicted_std_kg": each_link,
             "combinations": _List(_Object({"text": _TEXT, "relative_std": _NUMBER})),
-            "sums": _List(_Object({"links": _List(_TEXT), "nominal_kg": _NUMBER, "std_kg": _NUMBER})),
+            "sums": _List(
+                _Object({"links": _List(_TEXT), "nominal_kg": _NUMBER, "std_kg": _NUMBER}, {"estimate_kg": _NUMBER})
+            ),
             "advice": _List(_TEXT),
         }
     )
@@ -133,6 +147,7 @@ def _result_of(links: Mapping[str, Any]) -> _Object:
             "verdict": verdict,
             "validation": _VALIDATION,
             "uncertainty": _UNCERTAINTY,
+            "options": _OPTIONS,
         },
     )
 

@@ -14,23 +14,13 @@ from massid.typing import AnyArray, FloatArray
 from massid.view.chart import Chart
 from massid.view.colours import LINK_COLOURS
 from massid.view.document import check_document
+from massid.view.nuisances import write_nuisances
 from massid.view.page import HtmlPage
 
 _BEFORE, _AFTER, _REFERENCE, _TRUTH = "#c3ccd6", "#0a8a78", "#d9822b", "#1d2229"
 _NBSP = "\N{NO-BREAK SPACE}"
 _CURVES = 3
 _CHANNELS = 12
-_KINDS = {
-    "effort_offset": "torque offsets",
-    "effort_gain": "torque gains",
-    "effort_lag": "lag of the torques",
-    "wrench_lag": "lag of the wrenches",
-    "encoder_offset": "encoder offsets",
-    "wrench_offset": "force offsets",
-    "wrench_gain": "wrench gains",
-    "inertia_scale": "rotational inertias",
-    "mass": "masses of other links",
-}
 
 
 def write_report(result_path: Path, page_path: Path) -> tuple[str, ...]:
@@ -58,7 +48,8 @@ def write_report(result_path: Path, page_path: Path) -> tuple[str, ...]:
     _information(page, document, arrays)
     _held_out(page, document, arrays)
     _residuals(page, document, arrays)
-    _nuisances(page, document)
+    write_nuisances(page, document)
+    _settings(page, document)
     page.write(page_path)
     return stored.warnings
 
@@ -117,7 +108,7 @@ def _masses(page: HtmlPage, document: Mapping[str, Any]) -> None:
         row = [link, f"{nominal:.3f}", "–" if found is None else f"{found:.3f}"]
         row.append("{:.3f} – {:.3f}".format(*entry["interval95_kg"]) if "interval95_kg" in entry else "–")
         row.append("not identifiable" if found is None else f"{100 * (found / nominal - 1):+.1f} %")
-        row += [f"{reference['estimate_kg'][link]:.3f}"] if reference else []
+        row += ["–" if found is None else f"{reference['estimate_kg'][link]:.3f}"] if reference else []
         row += [f"{entry['true_kg']:.3f}"] if has_truth else []
         rows.append(row)
     page.table(head, rows)
@@ -147,7 +138,8 @@ def _mass_chart(page: HtmlPage, links: Mapping[str, Any], reference: Mapping[str
     for link, entry in links.items():
         nominal = entry["nominal_kg"]
         marks = {"estimate": entry["estimate_kg"], "true": entry.get("true_kg")}
-        marks["reference"] = None if reference is None else reference["estimate_kg"][link]
+        is_found = entry["estimate_kg"] is not None
+        marks["reference"] = reference["estimate_kg"][link] if reference and is_found else None
         low, high = entry.get("interval95_kg", (entry["estimate_kg"],) * 2)
         marks |= {"low": low, "high": high}
         share[link] = {name: 100.0 * (value / nominal - 1.0) for name, value in marks.items() if value is not None}
@@ -338,33 +330,17 @@ def _residuals(page: HtmlPage, document: Mapping[str, Any], arrays: Mapping[str,
     )
 
 
-def _nuisances(page: HtmlPage, document: Mapping[str, Any]) -> None:
-    nuisances = (document.get("uncertainty") or {}).get("nuisances") or {}
-    if not nuisances:
+def _settings(page: HtmlPage, document: Mapping[str, Any]) -> None:
+    """The options and the noise that was assumed."""
+    options, noise = document.get("options") or {}, (document.get("uncertainty") or {}).get("noise") or {}
+    if not (options or noise):
         return
-    page.heading("Errors of the sensors, and what else was not asked for")
-    page.paragraph(
-        "Each dot is an estimate with its standard deviation, in units of what was believed beforehand (±1). Bars that "
-        "reach from −1 to 1 around zero learned nothing and stay at their prior.",
-        soft=True,
-    )
-    kinds: dict[str, list[tuple[str, float, float]]] = {}
-    for name, entry in nuisances.items():
-        kind, _, target = name.partition("/")
-        centre = entry.get("nominal", 0.0)
-        prior = entry["prior_std"]
-        kinds.setdefault(kind, []).append((target, (entry["estimate"] - centre) / prior, entry["std"] / prior))
-    rows = []
-    for kind, found in kinds.items():
-        reach = max(2.0, *(abs(value) + std for _, value, std in found))
-        title = _KINDS.get(kind, kind.replace("_", " "))
-        chart = Chart(title, (-0.7, len(found) - 0.3), (-reach, reach), 140.0, numbered=False)
-        chart.level(0.0)
-        for k, (target, value, std) in enumerate(found):
-            chart.upright(k, value - std, value + std, _AFTER, 2.0)
-            chart.dot(k, value, _AFTER, 3.0, hint=f"{target}: {value:+.2f} ± {std:.2f} prior deviations")
-        page.drawing(chart.svg())
-        learned = sum(std < 0.5 for _, _, std in found)
-        far = [target for target, value, _ in found if abs(value) > 3.0]
-        rows.append([title, str(len(found)), str(learned), ", ".join(far) or "none"])
-    page.table(["", "how many", "known to half of the prior or better", "beyond three prior deviations"], rows)
+    page.heading("Options and assumed noise")
+    if noise:
+        asked = options.get("noise", "auto")
+        read = "white levels read off the log, offsets and gains as in realistic" if asked == "auto" else "the preset"
+        page.paragraph(f"--noise {asked}: {read}. Standard deviations, white ones per sample, in SI units.", soft=True)
+        page.table(["sensor error", "deviation"], [[name, f"{value:.3g}"] for name, value in noise.items()])
+    plain = {name: value for name, value in options.items() if not isinstance(value, dict)}
+    plain |= {f"search {name}": value for name, value in (options.get("search") or {}).items()}
+    page.table(["option", "value"], [[name.replace("_", "-"), str(value)] for name, value in plain.items()])
