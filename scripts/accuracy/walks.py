@@ -24,7 +24,7 @@ from massid.walking.morphology import torque_limits
 COM_ERROR_M = 0.03
 INERTIA_ERROR = 0.2
 UNMODELLED_FRICTION_NM = 3.0
-FALLS_BORNE = 5
+FALLS_BORNE = 40
 SEED_STRIDE = 1000
 
 

@@ -72,7 +72,7 @@ def test_inputs_that_are_stamped_late_are_read_later(lag_s: float, walk: Walk) -
 
 
 def _columns(block: BelievedBlock) -> dict[str, FloatArray]:
-    own = {name: getattr(block, name) for name in ("wrench", "loaded", "friction", "sticking")}
+    own = {name: getattr(block, name) for name in ("wrench", "loaded", "friction", "friction_loss", "friction_variance")}
     return own | {f"motion.{entry.name}": getattr(block.motion, entry.name) for entry in fields(Motion)}
 
 
@@ -93,7 +93,7 @@ def test_borders_of_blocks_leave_no_trace(n_steps: int, walk: Walk) -> None:
     whole, parts = _believe(walk, [0, last]), _believe(walk, [*range(0, last, n_steps), last])
     expected, found = _joined(whole), _joined(parts)
     assert 0.0 < expected["loaded"].mean() < 1.0
-    assert 0.0 < expected["sticking"].mean() < 1.0
+    assert 0.0 < np.mean(expected["friction_variance"] > 0.0) < 1.0
     for name, rows in expected.items():
         np.testing.assert_allclose(found[name], rows, rtol=1e-9, atol=1e-9 * np.abs(rows).max(), err_msg=name)
 

@@ -173,6 +173,7 @@ class RobotBank:
             engine.wrench[:] = (engine.wrench - sensors.wrench_offset) / (1.0 + sensors.wrench_gain)
         if isinstance(inputs, BelievedBlock):
             engine.force[:] += inputs.friction[k]
+            engine.set_friction_loss(inputs.friction_loss[k])
             if self._more_friction is not None:  # than the first model has, whose friction the belief tells
                 engine.force[:, dof] += self._more_friction * inputs.sliding[k]
             engine.wrench[:] *= inputs.loaded[k]

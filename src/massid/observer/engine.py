@@ -43,6 +43,7 @@ class BatchEngine:
         self.wrench: FloatArray = self._batch.bind("ctrl")
         self._warm_start: FloatArray = self._batch.bind("qacc_warmstart")
         self._time: FloatArray = self._batch.bind("time")
+        self._friction_loss: FloatArray = model.dof_frictionloss.copy()
         self._warnings_before = np.zeros_like(self._batch.warning[:, :, 1])
 
     @property
@@ -64,6 +65,12 @@ class BatchEngine:
         self._warm_start[:] = 0.0
         self._time[:] = 0.0
         self._warnings_before[:] = self._batch.warning[:, :, 1]
+
+    def set_friction_loss(self, friction_loss: FloatArray) -> None:
+        """Let all simulations have the same dry friction from now on, shape (nv,) [N m or N]."""
+        if not np.array_equal(friction_loss, self._friction_loss):
+            self._batch.expand("dof_frictionloss")[:] = friction_loss
+            self._friction_loss = friction_loss.copy()
 
     def step(self) -> None:
         """Advance all simulations by one time step."""

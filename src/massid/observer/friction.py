@@ -1,10 +1,11 @@
-"""Dry friction under sensor noise: what a joint's friction was, and where that cannot be known.
+"""Dry friction of joints under sensor noise: who sticks, who slides, and what a wrong guess would do.
 
 Friction loss in the engine answers to every step's input. Noise in the measured wrenches shakes a light joint of the
 model that stuck, or slid steadily, in reality, and shaken friction averages to less than it was: masses then make up
-for what is missing. Friction is therefore not left to the noisy models. The engine computes it once, from averaged
-measurements. Where a joint surely slides it is known; where it may stick its torque may be anything within the
-friction loss for as long as the joint sticks, and counts as an unknown torque.
+for what is missing. Whether a joint sticks is therefore not left to the noisy models but decided once, from averaged
+measurements. Friction that slides is then a known torque, and the friction of a joint that sticks is the engine's own
+without its limit, which is linear: noise averages out of both. Where the decision is in doubt, the error that it may
+make counts as noise of the joint's torque.
 """
 
 from __future__ import annotations
@@ -14,20 +15,26 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
+from scipy.stats import norm
 
 from massid.layout import JointLayout
 from massid.noise import SensorNoise
+from massid.observer.friction_demand import Demand, FrictionSolver
 from massid.observer.spans import Spans
 from massid.realisation import Realisation, write_fields
-from massid.typing import FloatArray
+from massid.typing import BoolArray, FloatArray
 
-STICKING_S = 0.2
-"""How long a joint is taken to stick at a time [s]."""
+DOUBT_S = 0.2
+"""How long a joint's friction is taken to be wrong by the same amount [s]."""
+_WEIGHT = 5.0
+"""An error that returns with every step of a walk does not average out: it counts that many times as large."""
 _SURE = 3.0
-"""Deviations of an averaged velocity beyond which a joint surely moves."""
+"""Standard deviations beyond which something is sure."""
 _SATURATED = 0.999
 """Share of the friction loss at which friction has no reserve left; the engine's constraint is soft."""
+_BLUR = 0.3
+"""Standard deviation of what an average hides of a sudden change, relative to it: 1 / sqrt(12)."""
 
 
 @dataclass(frozen=True)
@@ -35,29 +42,32 @@ class Friction:
     """Dry friction of joints along a motion.
 
     Attributes:
-        torque: shape (n, n_joints) [N m].
-        sticking: 1 where the joint may stick and its friction is not known, else 0, shape (n, n_joints).
+        torque: that acts besides, zero where the joint sticks, shape (n, n_joints) [N m].
+        sticks: whether the engine is to hold the joint, whatever that takes, shape (n, n_joints).
+        variance: of white torque noise that stands for what is not known of it, shape (n, n_joints) [N^2 m^2].
         sliding: direction of the torque, 1 or -1, where the joint surely slides, else 0; the derivative of the torque
             by the friction loss, as far as it is known. Shape (n, n_joints).
     """
 
     torque: FloatArray
-    sticking: FloatArray
+    sticks: BoolArray
+    variance: FloatArray
     sliding: FloatArray
 
     @classmethod
     def none(cls, n: int, n_joints: int) -> Friction:
         """Joints without friction."""
-        return cls(*np.zeros((3, n, n_joints)))
+        zeros = np.zeros((n, n_joints))
+        return cls(zeros, zeros > 0.0, zeros, zeros)
 
     def rows(self, first: int, count: int) -> Friction:
         """Some of the samples."""
         own = slice(first, first + count)
-        return Friction(self.torque[own], self.sticking[own], self.sliding[own])
+        return Friction(self.torque[own], self.sticks[own], self.variance[own], self.sliding[own])
 
 
 class StickSlip:
-    """Friction torques of the joints along a measured motion.
+    """Tells the friction of the joints along a measured motion.
 
     Args:
         model: identification model with its friction loss.
@@ -67,10 +77,10 @@ class StickSlip:
 
     def __init__(self, model: mujoco.MjModel, layout: JointLayout, noise: SensorNoise) -> None:
         self._model = copy.copy(model)
-        self._data = mujoco.MjData(self._model)
-        self._loss = self._model.dof_frictionloss[layout.joint_dof].copy()
+        self._solver = FrictionSolver(self._model, layout, noise)
         self._joint_dof = layout.joint_dof
-        self._width = Spans.at(model.opt.timestep).width
+        spans = Spans.at(model.opt.timestep)
+        self._brief, self._width = spans.brief_width, spans.width
         self._velocity_std = noise.joint_velocity / np.sqrt(self._width)
 
     @property
@@ -78,22 +88,12 @@ class StickSlip:
         """Samples before and after one that bear upon it: a joint is uncertain next to where an average says so."""
         return self._width - 1
 
-    @property
-    def sticking_variance(self) -> FloatArray:
-        """Variance of white torque noise that stands for a sticking joint, shape (n_joints,) [N^2 m^2].
-
-        A constant torque of up to the friction loss, over the time of one sticking, is as large as white noise of this
-        variance in the same direction.
-        """
-        return np.asarray(self._loss**2 * STICKING_S / self._model.opt.timestep)
-
     def place(self, realisation: Realisation) -> None:
         """Take the parameters of the first of N models."""
         write_fields(self._model, realisation)
-        self._loss = self._model.dof_frictionloss[self._joint_dof].copy()
 
     def friction(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray, wrench: FloatArray) -> Friction:
-        """Friction of every joint, and where it is not certain.
+        """Friction of every joint, and what is not certain of it.
 
         Args:
             qpos: measured positions, shape (n, nq) [rad or m].
@@ -101,20 +101,58 @@ class StickSlip:
             force: measured torques as generalised forces, shape (n, nv) [N m or N].
             wrench: measured wrenches, shape (n, 6 n_contacts) [N, N m].
         """
-        qvel, force, wrench = (uniform_filter1d(x, self._width, axis=0, mode="mirror") for x in (qvel, force, wrench))
-        model, data = self._model, self._data
-        by_dof = np.zeros((len(qpos), model.nv))
-        for k in range(len(qpos)):
-            data.qpos[:], data.qvel[:], data.qfrc_applied[:], data.ctrl[:] = qpos[k], qvel[k], force[k], wrench[k]
-            mujoco.mj_forward(model, data)
-            rows = data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
-            by_dof[k, data.efc_id[rows]] = data.efc_force[rows]
-        torque = by_dof[:, self._joint_dof]
-        slides = np.abs(qvel[:, self._joint_dof]) > _SURE * self._velocity_std
-        slides &= np.abs(torque) >= _SATURATED * self._loss
-        uncertain = maximum_filter1d((~slides).astype(np.uint8), self._width, axis=0, mode="nearest")
+        loss = self._model.dof_frictionloss[self._joint_dof]
+        brief = self._demand(qpos, (qvel, force, wrench), self._brief)
+        plain = _SURE * brief.std < loss
+        found = self._told_by_torque(brief, loss)
+        if plain.all():
+            return found
+        other = self._told_by_speed(qpos, (qvel, force, wrench), loss)
+        return Friction(*(np.where(plain, one, two) for one, two in zip(_fields(found), _fields(other), strict=True)))
+
+    def _demand(self, qpos: FloatArray, readings: tuple[FloatArray, ...], width: int) -> Demand:
+        qvel, force, wrench = (uniform_filter1d(rows, width, axis=0, mode="mirror") for rows in readings)
+        return self._solver.solve(qpos, qvel, force, wrench, averaged=width)
+
+    def _told_by_torque(self, demand: Demand, loss: FloatArray) -> Friction:
+        """Of a friction loss well above the noise: a joint sticks if that takes less than the loss.
+
+        Be x the torque needed, loss < x in truth: taken for sticking, the joint is held by x - loss too much; and the
+        other way round. With x known to a deviation d, and a distance m d from the loss, the mean square of that error
+        is d^2 ((1 + m^2) Q(m) - m phi(m)), of the normal distribution's tail Q and density phi.
+        """
+        width = self._brief
+        highest, lowest = (
+            f(demand.needed, width, axis=0, mode="nearest") for f in (maximum_filter1d, minimum_filter1d)
+        )
+        deviation = np.hypot(demand.std, _BLUR * (highest - lowest))
+        sticks = np.abs(demand.needed) < loss
+        m = np.abs(loss - np.abs(demand.needed)) / np.where(deviation > 0.0, deviation, 1.0)
+        error = deviation * np.sqrt(np.maximum((1.0 + m**2) * norm.sf(m) - m * norm.pdf(m), 0.0))
+        return Friction(
+            torque=np.where(sticks, 0.0, np.clip(demand.needed, -loss, loss)),
+            sticks=sticks,
+            variance=self._as_noise(np.minimum(_WEIGHT * error, loss)),
+            sliding=np.sign(demand.needed) * (~sticks & (m > _SURE)),
+        )
+
+    def _told_by_speed(self, qpos: FloatArray, readings: tuple[FloatArray, ...], loss: FloatArray) -> Friction:
+        """Of a friction loss that noise drowns: it is known if the joint surely moves, else anything up to the loss."""
+        torque = self._demand(qpos, readings, self._width).torque
+        speed = uniform_filter1d(readings[0], self._width, axis=0, mode="mirror")[:, self._joint_dof]
+        slides = (np.abs(speed) > _SURE * self._velocity_std) & (np.abs(torque) >= _SATURATED * loss)
+        slides = minimum_filter1d(slides, self._width, axis=0, mode="nearest")
         return Friction(
             torque=torque,
-            sticking=np.where(self._loss > 0.0, uncertain, 0).astype(np.float64),
-            sliding=-np.sign(qvel[:, self._joint_dof]) * (1.0 - uncertain),
+            sticks=np.zeros_like(slides),
+            variance=self._as_noise(np.where(slides, 0.0, loss)),
+            sliding=-np.sign(speed) * slides,
         )
+
+    def _as_noise(self, torque: FloatArray) -> FloatArray:
+        """Variance of white noise with the impulse of a torque that is wrong for as long as doubt lasts [N^2 m^2]."""
+        return np.asarray(torque**2 * DOUBT_S / self._model.opt.timestep)
+
+
+def _fields(friction: Friction) -> tuple[FloatArray | BoolArray, ...]:
+    return friction.torque, friction.sticks, friction.variance, friction.sliding

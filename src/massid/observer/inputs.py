@@ -25,6 +25,9 @@ from massid.observer.spans import Spans
 from massid.realisation import Realisation, SensorErrors
 from massid.typing import FloatArray
 
+UNLIMITED = 1e9
+"""Friction loss of a joint that sticks, whatever that takes [N m or N]."""
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -56,14 +59,16 @@ class BelievedBlock(ReplayBlock):
     Attributes:
         loaded: 0 where a wrench is known to be zero, else 1, shape (n, 6 n_contacts).
         friction: friction torques that act besides, zero at the base, shape (n, nv) [N m or N].
-        sticking: 1 where a joint may stick and its friction is not known, shape (n, n_joints).
+        friction_loss: that the engine is to have: without limit where a joint sticks, else 0, shape (n, nv) [N m or N].
+        friction_variance: of white noise that stands for unknown friction, shape (n, n_joints) [N^2 m^2].
         sliding: derivative of friction torques by friction losses, zero where it is not known, shape (n, n_joints).
         motion: what the columns of the Jacobian are made of.
     """
 
     loaded: FloatArray
     friction: FloatArray
-    sticking: FloatArray
+    friction_loss: FloatArray
+    friction_variance: FloatArray
     sliding: FloatArray
     motion: Motion
 
@@ -93,11 +98,6 @@ class InputBelief:
         rubs = unknown_friction or bool(np.any(model.dof_frictionloss > 0.0))
         self._stick_slip = StickSlip(model, layout, noise) if rubs else None
         self._before: tuple[FloatArray, ...] = ()
-
-    @property
-    def sticking_variance(self) -> FloatArray:
-        """Variance of the torque of sticking joints, shape (n_joints,), or a scalar zero [N^2 m^2]."""
-        return np.zeros(()) if self._stick_slip is None else self._stick_slip.sticking_variance
 
     def place(self, realisation: Realisation) -> None:
         """Take the parameters of the first of N models; lags are the same in all of them."""
@@ -136,6 +136,8 @@ class InputBelief:
             rubbing = rubbing.rows(first - near.start, n)
         by_dof = np.zeros_like(block.effort)
         by_dof[:, self._joint_dof] = rubbing.torque
+        friction_loss = np.zeros_like(block.effort)
+        friction_loss[:, self._joint_dof] = np.where(rubbing.sticks, UNLIMITED, 0.0)
         spans = self._spans
         return BelievedBlock(
             qpos=block.qpos,
@@ -144,7 +146,8 @@ class InputBelief:
             wrench=readings[1] * loaded[own],
             loaded=loaded[own],
             friction=by_dof,
-            sticking=rubbing.sticking,
+            friction_loss=friction_loss,
+            friction_variance=rubbing.variance,
             sliding=rubbing.sliding,
             motion=Motion(
                 position=qpos[own],

@@ -133,8 +133,8 @@ class KalmanInjection:
         return InjectionGains(force=None, state=gains, whitener=whiteners, tangents=tangents, inputs=inputs)
 
     def _process_noise(self, linear: StepLinearisation, inputs: BelievedBlock, k: int) -> FloatArray:
-        """Covariance that noisy inputs and sticking joints add in one step, shape (2 nv, 2 nv)."""
-        sticking = inputs.sticking[k : k + self._hold_steps].max(axis=0) * self._inputs.sticking_variance
+        """Covariance that noisy inputs and unknown friction add in one step, shape (2 nv, 2 nv)."""
+        unknown = inputs.friction_variance[k : k + self._hold_steps].max(axis=0)
         from_wrench = linear.from_wrench * np.sqrt(self._wrench_variance * inputs.loaded[k])
-        from_effort = linear.from_effort * np.sqrt(self._effort_variance + sticking)
+        from_effort = linear.from_effort * np.sqrt(self._effort_variance + unknown)
         return np.asarray(from_wrench @ from_wrench.T + from_effort @ from_effort.T)

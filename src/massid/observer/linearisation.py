@@ -65,7 +65,7 @@ class Lineariser:
         from_wrench = np.zeros((2 * nv, model.nu))
         mujoco.mjd_transitionFD(model, data, FINITE_DIFFERENCE, False, transition, from_wrench, None, None)
         mujoco.mj_forward(model, data)
-        velocity = np.linalg.inv(self._step_inertia()) * model.opt.timestep
+        velocity = model.opt.timestep * self._response()
         from_force = np.vstack([model.opt.timestep * velocity, velocity])
         return StepLinearisation(transition, from_force[:, self._layout.joint_dof], from_wrench, from_force)
 
@@ -99,19 +99,30 @@ class Lineariser:
         )  # fmt: skip
         return out
 
-    def _step_inertia(self) -> FloatArray:
-        """H + h D at the last forward state, which the step solves with: damping is implicit in it."""
-        model = self.model
+    def _response(self) -> FloatArray:
+        """Acceleration of the step by generalised force at the last forward state, shape (nv, nv).
+
+        The friction of joints that stick answers with -D a, so a = (H + D)^-1 tau, and H a is what is left to move the
+        robot. The step solves with H + h B instead of H: damping is implicit in it.
+        """
+        model, data = self.model, self._data
         inertia = np.zeros((model.nv, model.nv))
-        mujoco.mj_fullM(model, self._data, inertia)
+        mujoco.mj_fullM(model, data, inertia)
+        stepped = inertia
         explicit = mujoco.mjtDisableBit.mjDSBL_EULERDAMP | mujoco.mjtDisableBit.mjDSBL_DAMPER
-        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 or model.opt.disableflags & explicit:
-            return inertia
-        return np.asarray(inertia + model.opt.timestep * np.diag(model.dof_damping))
+        if model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4 and not model.opt.disableflags & explicit:
+            stepped = inertia + model.opt.timestep * np.diag(model.dof_damping)
+        sticking = data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+        if not sticking.any():
+            return np.linalg.inv(stepped)
+        held, dofs = inertia.copy(), data.efc_id[sticking]
+        held[dofs, dofs] += data.efc_D[sticking]
+        return np.asarray(np.linalg.inv(stepped) @ inertia @ np.linalg.inv(held))
 
     def _set(self, block: BelievedBlock, k: int) -> None:
         data, motion = self._data, block.motion
         data.qpos[:], data.qvel[:] = motion.position[k], motion.velocity[k]
+        self.model.dof_frictionloss[:] = block.friction_loss[k]
         data.qfrc_applied[:], data.ctrl[:] = motion.effort[k] + block.friction[k], motion.wrench[k]
 
 

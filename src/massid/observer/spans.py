@@ -12,6 +12,8 @@ GAP_S, REACH_S = 0.005, 0.02
 """The motion at a sample is estimated from those more than a gap and at most a reach before and after it [s]."""
 HALF_WIDTH_S = 0.007
 """Forces that tell load, and velocities that tell friction, are averaged over so much before and after them [s]."""
+BRIEF_S = 0.001
+"""Torques that tell who sticks are averaged over so much before and after them [s]: they change within milliseconds."""
 SETTLING_S = 0.02
 """Time after the last load before a foot counts as unloaded [s]: it may be rolling off the ground, hardly loaded."""
 LEAST_NEIGHBOURS = 3
@@ -26,26 +28,33 @@ class Spans:
         gap: neighbours on each side that have no part in the motion at a sample, at least 1.
         reach: the furthest that has, at least `LEAST_NEIGHBOURS` more.
         half_width: neighbours on each side that a reading is averaged with, at least 1.
+        brief: likewise, where it changes quickly, at least 1.
         settling: samples after the last load before a foot counts as unloaded, at least 1.
     """
 
     gap: int
     reach: int
     half_width: int
+    brief: int
     settling: int
 
     @classmethod
     def at(cls, timestep_s: float) -> Spans:
         """The spans of a log with a sample period."""
-        gap, reach, half_width, settling = (
-            max(1, round(span_s / timestep_s)) for span_s in (GAP_S, REACH_S, HALF_WIDTH_S, SETTLING_S)
+        gap, reach, half_width, brief, settling = (
+            max(1, round(span_s / timestep_s)) for span_s in (GAP_S, REACH_S, HALF_WIDTH_S, BRIEF_S, SETTLING_S)
         )
-        return cls(gap, max(reach, gap + LEAST_NEIGHBOURS), half_width, settling)
+        return cls(gap, max(reach, gap + LEAST_NEIGHBOURS), half_width, brief, settling)
 
     @property
     def width(self) -> int:
         """Readings in an average."""
         return 2 * self.half_width + 1
+
+    @property
+    def brief_width(self) -> int:
+        """Readings in a brief average."""
+        return 2 * self.brief + 1
 
     @property
     def look_ahead(self) -> int:

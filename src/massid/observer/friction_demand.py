@@ -1,0 +1,97 @@
+"""What it would take of a joint's dry friction to hold it, and how well measurements tell.
+
+The engine's friction constraint is soft: below the friction loss its force is linear in the motion, f = -D (a + b v),
+and the joint creeps. Above it the joint slides. What an unlimited constraint would exert tells which of the two it is,
+and by how much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from massid.layout import JointLayout
+from massid.noise import SensorNoise
+from massid.typing import FloatArray, IntArray
+
+_HOLD_STEPS = 10
+"""Samples for which the effect of noise is kept: it changes as slowly as the posture."""
+
+
+@dataclass(frozen=True)
+class Demand:
+    """Friction along a motion.
+
+    Attributes:
+        torque: that acted, shape (n, n_joints) [N m].
+        needed: to hold the joint; the same up to the friction loss, shape (n, n_joints) [N m].
+        std: standard deviation of what is needed, from the noise of velocities, torques and wrenches, shape
+            (n, n_joints) [N m].
+    """
+
+    torque: FloatArray
+    needed: FloatArray
+    std: FloatArray
+
+
+class FrictionSolver:
+    """Solves for the friction of an identification model.
+
+    Args:
+        model: with its friction loss; this object keeps it, and what is written to it counts.
+        layout: addresses of the one-axis joints.
+        noise: of the sensors.
+    """
+
+    def __init__(self, model: mujoco.MjModel, layout: JointLayout, noise: SensorNoise) -> None:
+        self._model = model
+        self._data = mujoco.MjData(model)
+        self._joint_dof = layout.joint_dof
+        self._effort_variance, self._velocity_variance = noise.effort**2, noise.joint_velocity**2
+        self._wrench_variance = np.tile(noise.wrench_std() ** 2, model.nu // 6)
+
+    def solve(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray, wrench: FloatArray, averaged: int) -> Demand:
+        """Friction of every joint at every sample; zero where a joint has no friction loss.
+
+        Args:
+            qpos: shape (n, nq) [rad or m].
+            qvel: shape (n, nv) [rad/s or m/s].
+            force: generalised forces of the joint torques, shape (n, nv) [N m or N].
+            wrench: shape (n, 6 n_contacts) [N, N m].
+            averaged: how many readings each of velocities, forces and wrenches is the average of.
+        """
+        model, data = self._model, self._data
+        torque, needed, std = np.zeros((3, len(qpos), model.nv))
+        for k in range(len(qpos)):
+            data.qpos[:], data.qvel[:], data.qfrc_applied[:], data.ctrl[:] = qpos[k], qvel[k], force[k], wrench[k]
+            mujoco.mj_forward(model, data)
+            rows = data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+            dofs, stiffness, (_, rate, impedance, _) = data.efc_id[rows], data.efc_D[rows], data.efc_KBIP[rows].T
+            torque[k, dofs] = data.efc_force[rows]
+            linear = -stiffness * (data.qacc[dofs] + rate * qvel[k, dofs])
+            # A joint that is let go accelerates: what the constraint lacks is a share 1 - impedance of what it shows.
+            beyond = (1.0 - impedance) * np.maximum(np.abs(linear) - model.dof_frictionloss[dofs], 0.0)
+            needed[k, dofs] = torque[k, dofs] + np.sign(linear) * beyond
+            if k % _HOLD_STEPS == 0:
+                spread = np.sqrt(self._variance(dofs, stiffness, rate) / averaged)
+            std[k, dofs] = spread
+        return Demand(*(values[:, self._joint_dof] for values in (torque, needed, std)))
+
+    def _variance(self, dofs: IntArray, stiffness: FloatArray, rate: FloatArray) -> FloatArray:
+        """Of what is needed at the last solution, from single readings and with all joints held, shape (n_rows,)."""
+        model, data = self._model, self._data
+        held, moment = np.zeros((model.nv, model.nv)), np.zeros((model.nu, model.nv))
+        mujoco.mj_fullM(model, data, held)
+        mujoco.mju_sparse2dense(
+            moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
+        held[dofs, dofs] += stiffness
+        by_force = -stiffness[:, None] * np.linalg.inv(held)[dofs]
+        by_speed = -by_force[:, dofs] * (stiffness * rate) - np.diag(stiffness * rate)
+        return np.asarray(
+            (by_force[:, self._joint_dof] ** 2).sum(axis=1) * self._effort_variance
+            + (by_force @ moment.T) ** 2 @ self._wrench_variance
+            + (by_speed**2).sum(axis=1) * self._velocity_variance
+        )
