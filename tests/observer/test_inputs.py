@@ -72,7 +72,9 @@ def test_inputs_that_are_stamped_late_are_read_later(lag_s: float, walk: Walk) -
 
 
 def _columns(block: BelievedBlock) -> dict[str, FloatArray]:
-    own = {name: getattr(block, name) for name in ("wrench", "loaded", "friction", "friction_loss", "friction_variance")}
+    own = {
+        name: getattr(block, name) for name in ("wrench", "loaded", "friction", "friction_loss", "friction_variance")
+    }
     return own | {f"motion.{entry.name}": getattr(block.motion, entry.name) for entry in fields(Motion)}
 
 

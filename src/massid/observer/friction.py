@@ -141,6 +141,7 @@ class StickSlip:
         torque = self._demand(qpos, readings, self._width).torque
         speed = uniform_filter1d(readings[0], self._width, axis=0, mode="mirror")[:, self._joint_dof]
         slides = (np.abs(speed) > _SURE * self._velocity_std) & (np.abs(torque) >= _SATURATED * loss)
+        slides &= torque * speed <= 0.0  # a joint that turns round has friction of the other sign for a moment
         slides = minimum_filter1d(slides, self._width, axis=0, mode="nearest")
         return Friction(
             torque=torque,
