@@ -190,9 +190,10 @@ def test_the_expected_score_of_the_true_masses_is_zero_at_wrong_noise_levels(fac
     assert np.abs(bias).max() < 3.0 / np.sqrt(n_logs)
 
 
-def test_friction_loss_under_noise_leaves_the_masses_within_their_deviations() -> None:
+@pytest.mark.parametrize("loss_nm", [0.3, 3.0])
+def test_friction_loss_under_noise_leaves_the_masses_within_their_deviations(loss_nm: float) -> None:
     """Engines that are shaken by noise would lose friction and find masses that make up for it."""
-    robot = make_robot(friction_loss=0.3)
+    robot = make_robot(friction_loss=loss_nm)
     space = mass_space(robot, LINKS)
     truth = draw_truth(space, seed=5, relative_error=0.05)
     walk = push_about(robot, space, truth, seconds=1.0, seed=2, amplitude=0.12)
@@ -205,3 +206,14 @@ def test_friction_loss_under_noise_leaves_the_masses_within_their_deviations() -
         error = result.estimate - truth
         squares.append(error @ np.linalg.solve(result.uncertainty.covariance, error) / len(space))
     assert 0.4 < np.mean(squares) < 1.6  # 21 degrees of freedom: 1 +- 0.31
+
+
+def test_friction_that_is_told_right_leaves_no_error_of_its_own() -> None:
+    """Joints that stick and slide, sensors without noise: nothing is left but what an estimate in doubt throws away."""
+    robot = make_robot(friction_loss=3.0)
+    space = mass_space(robot, LINKS)
+    truth = draw_truth(space, seed=5, relative_error=0.05)
+    walk = push_about(robot, space, truth, seconds=1.0, seed=2, amplitude=0.12)
+    result = identify_offline(walk, robot, space, replace(WHITE, dwell_s=0.2, bank_size=12))
+    assert result.uncertainty is not None
+    assert np.all(np.abs(result.estimate - truth) < 0.25 * result.uncertainty.std)

@@ -1,0 +1,49 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from massid.log.walk import Segment
+from massid.noise import PRESETS
+from massid.observer.inputs import UNLIMITED, BelievedBlock, InputBelief
+from massid.observer.linearisation import Lineariser
+from massid.observer.replay import replay_block
+from massid.typing import FloatArray
+from tests.conftest import Pushed
+from tests.pushed_robot import FEET, make_robot
+
+K, STEP_NM = 25, 1e-3
+
+
+@pytest.mark.parametrize("sticking", [(), ("l_knee",), ("l_hip_roll", "r_knee", "r_ankle")])
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
+def test_forces_act_as_in_a_step_of_the_engine(integrator: str, sticking: tuple[str, ...], pushed: Pushed) -> None:
+    robot = make_robot(integrator)
+    lineariser = Lineariser(robot.identification_model(FEET), robot.layout)
+    belief = InputBelief(lineariser.model, robot.layout, PRESETS["white"])
+    block = belief.believe(replay_block(pushed.walk, robot.layout, Segment(500, 551)))
+    friction_loss = np.zeros_like(block.friction)
+    for name in sticking:
+        friction_loss[:, robot.model.joint(name).dofadr[0]] = UNLIMITED
+    block = replace(block, friction_loss=friction_loss)
+    found = lineariser.step(block, K)
+    model = lineariser.model
+    expected = np.empty((model.nv, model.nv))
+    for dof, change in enumerate(STEP_NM * np.eye(model.nv)):
+        before, after = (_velocity(model, block, sign * change) for sign in (-1, 1))
+        expected[:, dof] = (after - before) / (2.0 * STEP_NM)
+    np.testing.assert_allclose(found.from_force[model.nv :], expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_array_equal(found.from_force[:, robot.layout.joint_dof], found.from_effort)
+
+
+def _velocity(model: mujoco.MjModel, block: BelievedBlock, more_force: FloatArray) -> FloatArray:
+    """After a step from the estimated motion."""
+    data, motion = mujoco.MjData(model), block.motion
+    model.dof_frictionloss[:] = block.friction_loss[K]
+    data.qpos[:], data.qvel[:], data.ctrl[:] = motion.position[K], motion.velocity[K], motion.wrench[K]
+    data.qfrc_applied[:] = motion.effort[K] + block.friction[K] + more_force
+    mujoco.mj_step(model, data)
+    return data.qvel.copy()
