@@ -111,6 +111,17 @@ def test_a_hidden_link_has_no_estimate(standing: Walk) -> None:
     np.testing.assert_array_equal(result.reported[hidden], space.nominal[hidden])
 
 
+def test_a_noisy_log_of_a_standing_robot_is_not_replayed_in_vain(standing: Walk) -> None:
+    """The search ends when passes gain nothing, and what it says then holds the truth: here the model file's masses."""
+    robot = make_robot()
+    options = IdentifyOptions(noise="realistic", dwell_s=0.25, bank_size=16)
+    result = identify_offline(_measured(standing, "realistic"), robot, mass_space(robot, LINKS), options)
+    assert len(result.windows) < 0.5 * options.passes
+    assert result.status is Status.NOT_IDENTIFIABLE
+    assert result.uncertainty is not None
+    assert np.all(np.abs(result.estimate - result.space.nominal) < 3.0 * result.uncertainty.std)
+
+
 def test_a_sum_is_stated_as_found_and_not_as_the_model_file_has_it(standing: Walk) -> None:
     robot = make_robot()
     space = mass_space(robot, LINKS)

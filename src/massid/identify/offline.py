@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -30,6 +31,9 @@ from massid.typing import IntArray
 
 SETTLED_DECREASE = 0.02
 """A noisy log is solved when a step would lower -2 log-likelihood by less, a seventh of a standard deviation."""
+STALLED_PASSES, STALLED_SHARE = 3, 0.7
+"""So many passes in a row that each leave more than this share of what was to be gained end the search: the log reveals
+too little. Of a walk a tenth is left."""
 FIRST_WINDOWS = 4
 """A noisy log is replayed no further than that until the estimate is about as good as so many windows can make it."""
 
@@ -73,18 +77,22 @@ def _identify(logs: Sequence[Log], robot: Robot, options: IdentifyOptions, progr
     n_windows = max(replay.n_windows for replay in replays)
     in_use = n_windows if noise is None else FIRST_WINDOWS
     converged = False
+    gains: list[float] = []
     for index in range(options.passes):
         scores = _score_all(replays, search.ask(), in_use, partial(_report, progress, index, options.passes))
         iteration = search.tell(replace(_total(scores), prior=prior))
         trace.append(replace(WindowResult.from_iteration(iteration, log_s), index=index))
         left = _decrease_left(iteration, space.n_sampled)
+        gains.append(left)
+        stalled = noise is not None and _is_stalled(gains)
         settled = iteration.status is SearchStatus.CONVERGED or (noise is not None and left < SETTLED_DECREASE)
         converged = settled and in_use >= n_windows
-        if converged:
+        if converged or (stalled and in_use >= n_windows):
             break
-        if in_use < n_windows and left < space.n_sampled:
+        if in_use < n_windows and (stalled or left < space.n_sampled):
             in_use = n_windows
             search = search.restarted()
+            gains.clear()
     progress(1.0, "done")
     total = _total(scores).window_quadratic()
     information = (total if prior is None else total + prior).shifted(search.estimate)
@@ -118,6 +126,12 @@ def _decrease_left(iteration: Iteration, asked: int) -> float:
     """
     step = iteration.newton_step[:asked]
     return 0.5 * float(step @ iteration.quadratic.marginal(np.arange(asked)).curvature @ step)
+
+
+def _is_stalled(gains: Sequence[float]) -> bool:
+    """Whether passes no longer lower what is to be gained by further ones."""
+    last = gains[-STALLED_PASSES - 1 :]
+    return len(last) > STALLED_PASSES and all(after > STALLED_SHARE * before for before, after in pairwise(last))
 
 
 def _score_all(
