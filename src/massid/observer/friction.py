@@ -62,8 +62,11 @@ class Friction:
 
     def rows(self, first: int, count: int) -> Friction:
         """Some of the samples."""
-        own = slice(first, first + count)
-        return Friction(self.torque[own], self.sticks[own], self.variance[own], self.sliding[own])
+        return Friction(**{name: rows[first : first + count] for name, rows in vars(self).items()})
+
+    def where(self, condition: BoolArray, other: Friction) -> Friction:
+        """This one where a condition holds, shape (n, n_joints), else the other."""
+        return Friction(**{name: np.where(condition, own, vars(other)[name]) for name, own in vars(self).items()})
 
 
 class StickSlip:
@@ -102,13 +105,12 @@ class StickSlip:
             wrench: measured wrenches, shape (n, 6 n_contacts) [N, N m].
         """
         loss = self._model.dof_frictionloss[self._joint_dof]
-        brief = self._demand(qpos, (qvel, force, wrench), self._brief)
-        plain = _SURE * brief.std < loss
-        found = self._told_by_torque(brief, loss)
-        if plain.all():
+        demand = self._demand(qpos, (qvel, force, wrench), self._brief)
+        stands_out = _SURE * demand.std < loss
+        found = self._told_by_torque(demand, loss)
+        if stands_out.all():
             return found
-        other = self._told_by_speed(qpos, (qvel, force, wrench), loss)
-        return Friction(*(np.where(plain, one, two) for one, two in zip(_fields(found), _fields(other), strict=True)))
+        return found.where(stands_out, self._told_by_speed(qpos, (qvel, force, wrench), loss))
 
     def _demand(self, qpos: FloatArray, readings: tuple[FloatArray, ...], width: int) -> Demand:
         qvel, force, wrench = (uniform_filter1d(rows, width, axis=0, mode="mirror") for rows in readings)
@@ -117,7 +119,7 @@ class StickSlip:
     def _told_by_torque(self, demand: Demand, loss: FloatArray) -> Friction:
         """Of a friction loss well above the noise: a joint sticks if that takes less than the loss.
 
-        Be x the torque needed, loss < x in truth: taken for sticking, the joint is held by x - loss too much; and the
+        Let x be the torque needed. If the joint slides but is taken to stick, it is held by x - loss too much; and the
         other way round. With x known to a deviation d, and a distance m d from the loss, the mean square of that error
         is d^2 ((1 + m^2) Q(m) - m phi(m)), of the normal distribution's tail Q and density phi.
         """
@@ -153,7 +155,3 @@ class StickSlip:
     def _as_noise(self, torque: FloatArray) -> FloatArray:
         """Variance of white noise with the impulse of a torque that is wrong for as long as doubt lasts [N^2 m^2]."""
         return np.asarray(torque**2 * DOUBT_S / self._model.opt.timestep)
-
-
-def _fields(friction: Friction) -> tuple[FloatArray | BoolArray, ...]:
-    return friction.torque, friction.sticks, friction.variance, friction.sliding
