@@ -127,8 +127,8 @@ def main(bench: Bench) -> None:
 def run(case: Case, bench: Bench) -> dict[str, Any]:
     """Measure one case; what a method refuses is a result, too."""
     recorded_s = max(case.seconds, LENGTHS_SECONDS) if case.part == "lengths" else case.seconds
-    given = prepare(case, bench.logs, recorded_s)
     try:
+        given = prepare(case, bench.logs, recorded_s)
         with single_threaded() if bench.threads == 1 else nullcontext():
             return measure(case, given, bench.threads)
     except MassidError as error:

@@ -11,6 +11,7 @@ import numpy as np
 
 from accuracy.case import Case, Fault, Friction
 from massid.assets import resolve_model
+from massid.errors import BadInputError
 from massid.log import Walk, read_walk
 from massid.parameters import Kind, ParameterSpace
 from massid.plant import HiddenMasses, MassErrors, motorised, record_walk, sensors_of, truth_path, variant
@@ -135,7 +136,7 @@ def _recorded(case: Case, robot: Robot, logs: Path, recorded_s: float) -> Path:
                 truth_path(draft).replace(truth_path(path))
                 draft.replace(path)
     if not path.exists():
-        raise RuntimeError(f"{stem}: {FALLS_BORNE} walks in a row ended in a fall.")
+        raise BadInputError(f"{stem}: {FALLS_BORNE} walks in a row ended in a fall.")
     return path
 
 

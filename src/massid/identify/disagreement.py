@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from massid.identify.motion import Motion
 from massid.identify.posterior import INTERVAL_95
 from massid.identify.verdict import Verdict
 
@@ -27,11 +28,12 @@ def disagreement(
             f"the motion would reveal {named}, but windows that contradict each other make the intervals too wide to "
             "call any of it known: check the model, the torque and force channels and --noise, not the motion.",
         )
+    remedy = "take a longer walk" if verdict.facts.motion is Motion.MOVING else "more motion is needed"
     if not std_kg:
-        return (f"the motion would reveal {named}, but the windows that were fitted do not: take a longer walk.",)
+        return (f"the motion would reveal {named}, but the windows that were fitted do not: {remedy}.",)
     foreseen = dict(zip(verdict.links, verdict.std.tolist(), strict=True))
     return tuple(
         f"{link} was foreseen to be known to +-{INTERVAL_95 * foreseen[link]:.2g} kg (95 %), but the fit leaves it "
-        f"+-{INTERVAL_95 * std_kg[link]:.2g} kg, too much to call it known: take a longer walk."
+        f"+-{INTERVAL_95 * std_kg[link]:.2g} kg, too much to call it known: {remedy}."
         for link in unforeseen
     )
