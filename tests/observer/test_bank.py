@@ -14,7 +14,7 @@ from massid.robot import Robot
 from massid.typing import FloatArray
 from massid.unknowns import mass_space
 from tests.conftest import Pushed
-from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
+from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
@@ -36,6 +36,31 @@ def test_zero_response_at_the_true_masses(integrator: str, friction_loss: float)
 def test_wrong_masses_show(pushed: Pushed) -> None:
     errors = _run(pushed, np.array([pushed.truth, 1.01 * pushed.truth]))
     assert np.abs(errors[1]).max() > 1e6 * np.abs(errors[0]).max()
+
+
+def test_inputs_held_through_substeps_are_those_of_a_slower_log() -> None:
+    """States of every fifth step, and what acted in between: the true masses explain such a log to rounding."""
+    robot, substeps, n = make_robot(), 5, 40
+    space = mass_space(robot, LINKS)
+    truth = draw_truth(space, seed=3)
+    model = robot.identification_model(FEET)
+    write_fields(model, robot.realise(space, truth))
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    qpos, qvel = np.empty((n + 1, model.nq)), np.empty((n + 1, model.nv))
+    effort, wrench = np.zeros((n, model.nv)), 20.0 * rng.normal(size=(n, model.nu))
+    effort[:, 6:] = 5.0 * rng.normal(size=(n, model.nv - 6))
+    for k in range(n + 1):
+        qpos[k], qvel[k] = data.qpos, data.qvel
+        if k < n:
+            data.qfrc_applied[:], data.ctrl[:] = effort[k], wrench[k]
+            mujoco.mj_step(model, data, substeps)
+    block = ReplayBlock(qpos, qvel, effort, wrench)
+    for count, is_explained in ((substeps, True), (1, False)):
+        bank = RobotBank(robot, space, FEET, n_models=1, timestep_s=substeps * 1e-3, substeps=count)
+        assert bank.timestep_s == pytest.approx(substeps * 1e-3)
+        bank.place(truth[None])
+        bank.restart(block)
+        assert bool(np.abs(bank.advance(block).values).max() < 1e-9) is is_explained
 
 
 @pytest.mark.parametrize("threads", [1, 2])

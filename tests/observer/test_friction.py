@@ -56,7 +56,7 @@ def _rub(loss: float) -> Rubbing:
     whole = Segment(0, len(walk))
     block, measured = (replay_block(one, robot.layout, whole) for one in (walk, noisy))
     model = robot.identification_model(FEET)
-    stick_slip = StickSlip(model, robot.layout, WHITE)
+    stick_slip = StickSlip(model, robot.layout, WHITE, PERIOD_S)
     realisation = robot.realise(space, truth)
     stick_slip.place(realisation)
     write_fields(model, realisation)
@@ -170,7 +170,7 @@ def test_joints_without_friction_loss_are_certain_to_have_none() -> None:
     spec.joint("l_knee").frictionloss = WEAK_NM
     robot = Robot(spec)
     knee = robot.joint_names.index("l_knee")
-    stick_slip = StickSlip(robot.identification_model(FEET), robot.layout, WHITE)
+    stick_slip = StickSlip(robot.identification_model(FEET), robot.layout, WHITE, PERIOD_S)
     n = 50
     qpos = np.repeat(robot.layout.to_qpos(np.array([0, 0, 0.92, 1, 0, 0, 0, *[0.1] * 8]))[None], n, axis=0)
     judged = stick_slip.friction(qpos, np.zeros((n, 14)), np.zeros((n, 14)), np.zeros((n, 12)))

@@ -53,15 +53,17 @@ def assemble(
         ModelError: a contact body is not in the model.
     """
     model = robot.identification_model(contact_bodies)
-    model.opt.timestep = timestep_s
+    # A log without noise that is slower than the model has been put on the model's clock, as far as that goes.
+    substeps = 1 if noise is None else max(1, round(timestep_s / model.opt.timestep))
+    model.opt.timestep = timestep_s / substeps
     injection: OutputInjection
     if noise is None:
         injection = InertiaShapedInjection(model, options.bandwidth_rad_s, options.damping_ratio)
     else:
         is_unknown = any(parameter.kind is Kind.FRICTION for parameter in space.parameters)
-        beliefs = InputBelief(model, robot.layout, noise, unknown_friction=is_unknown)
+        beliefs = InputBelief(model, robot.layout, noise, timestep_s=timestep_s, unknown_friction=is_unknown)
         model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
-        lineariser = Lineariser(copy.copy(model), robot.layout)
+        lineariser = Lineariser(copy.copy(model), robot.layout, substeps)
         columns = TangentFilter(robot, space.parameters, contact_bodies, lineariser) if tangents else None
         injection = KalmanInjection(lineariser, robot.layout, noise, beliefs, columns)
     bank = RobotBank(
@@ -71,6 +73,7 @@ def assemble(
         options.bank_size,
         injection,
         timestep_s=timestep_s,
+        substeps=substeps,
         n_threads=options.threads,
         model=model,
     )

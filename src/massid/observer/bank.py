@@ -31,6 +31,7 @@ class RobotBank:
         n_models: size of the bank N.
         injection: how the models are pulled towards the measurement; default `InertiaShapedInjection`.
         timestep_s: sample period of the walk; default the time step of the model [s].
+        substeps: steps of the models in a period, through which the inputs are held.
         n_threads: worker threads; 0 for one per processor.
         model: identification model; default that of the robot. It is not written to.
     """
@@ -43,6 +44,7 @@ class RobotBank:
         n_models: int = 24,
         injection: OutputInjection | None = None,
         timestep_s: float | None = None,
+        substeps: int = 1,
         n_threads: int = 0,
         model: mujoco.MjModel | None = None,
     ) -> None:
@@ -51,8 +53,9 @@ class RobotBank:
         if model is None:
             model = robot.identification_model(contact_bodies)
             if timestep_s is not None:
-                model.opt.timestep = timestep_s
-        self._timestep_s = float(model.opt.timestep)
+                model.opt.timestep = timestep_s / substeps
+        self._timestep_s = float(model.opt.timestep) * substeps
+        self._substeps = substeps
         self._engine = BatchEngine(model, n_models, n_threads)
         self._injection: OutputInjection = InertiaShapedInjection(model) if injection is None else injection
         self._innovation = np.zeros((n_models, 2 * model.nv))
@@ -142,7 +145,7 @@ class RobotBank:
                 if gains.force is not None:
                     np.matmul(innovation, gains.force[k].T, out=injected)
                     np.add(engine.force, injected, out=engine.force)
-                engine.step()
+                engine.step(self._substeps)
                 self._compare(block.qpos[k + 1], block.qvel[k + 1])
                 np.negative(innovation, out=errors[k])
             if gains.whitener.ndim == 1:

@@ -72,9 +72,10 @@ class BatchEngine:
             self._batch.expand("dof_frictionloss")[:] = friction_loss
             self._friction_loss = friction_loss.copy()
 
-    def step(self) -> None:
-        """Advance all simulations by one time step."""
-        self._batch.step()
+    def step(self, count: int = 1) -> None:
+        """Advance all simulations by some time steps."""
+        for _ in range(count):
+            self._batch.step()
 
     def diverged(self) -> BoolArray:
         """Which simulations left the finite numbers since the last restart, shape (N,)."""

@@ -76,13 +76,15 @@ class StickSlip:
         model: identification model with its friction loss.
         layout: addresses of the one-axis joints.
         noise: of the sensors.
+        timestep_s: sample period [s].
     """
 
-    def __init__(self, model: mujoco.MjModel, layout: JointLayout, noise: SensorNoise) -> None:
+    def __init__(self, model: mujoco.MjModel, layout: JointLayout, noise: SensorNoise, timestep_s: float) -> None:
         self._model = copy.copy(model)
+        self._timestep_s = timestep_s
         self._solver = FrictionSolver(self._model, layout, noise)
         self._joint_dof = layout.joint_dof
-        spans = Spans.at(model.opt.timestep)
+        spans = Spans.at(timestep_s)
         self._brief, self._width = spans.brief_width, spans.width
         self._velocity_std = noise.joint_velocity / np.sqrt(self._width)
 
@@ -154,4 +156,4 @@ class StickSlip:
 
     def _as_noise(self, torque: FloatArray) -> FloatArray:
         """Variance of white noise with the impulse of a torque that is wrong for as long as doubt lasts [N^2 m^2]."""
-        return np.asarray(torque**2 * DOUBT_S / self._model.opt.timestep)
+        return np.asarray(torque**2 * DOUBT_S / self._timestep_s)

@@ -84,19 +84,26 @@ class InputBelief:
         model: identification model with its friction loss.
         layout: addresses of the free joint and the one-axis joints.
         noise: of the sensors.
+        timestep_s: sample period; default the time step of the model [s].
         unknown_friction: whether friction losses are to be found, be they zero in the model.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, layout: JointLayout, noise: SensorNoise, *, unknown_friction: bool = False
+        self,
+        model: mujoco.MjModel,
+        layout: JointLayout,
+        noise: SensorNoise,
+        *,
+        timestep_s: float | None = None,
+        unknown_friction: bool = False,
     ) -> None:
         self._noise = noise
-        self._timestep_s = float(model.opt.timestep)
+        self._timestep_s = float(model.opt.timestep) if timestep_s is None else timestep_s
         self._spans = Spans.at(self._timestep_s)
         self._joint_qpos, self._joint_dof = layout.joint_qpos, layout.joint_dof
         self._sensors: SensorErrors | None = None
         rubs = unknown_friction or bool(np.any(model.dof_frictionloss > 0.0))
-        self._stick_slip = StickSlip(model, layout, noise) if rubs else None
+        self._stick_slip = StickSlip(model, layout, noise, self._timestep_s) if rubs else None
         self._before: tuple[FloatArray, ...] = ()
 
     def place(self, realisation: Realisation) -> None:

@@ -109,7 +109,7 @@ class KalmanInjection:
         gains = np.empty((n, n_x, n_x))
         whiteners = np.empty((n, n_x, n_x))
         tangents = np.empty((n, self._tangents.count, n_x)) if self._tangents else None
-        root_h = np.sqrt(self._lineariser.model.opt.timestep)
+        root_h = np.sqrt(self._lineariser.period_s)
         for k in range(n):
             if k % self._hold_steps == 0:
                 linear = self._lineariser.step(inputs, k)

@@ -40,10 +40,17 @@ class Lineariser:
     Args:
         model: an identification model; this object takes it over.
         layout: addresses of the free joint and the one-axis joints.
+        substeps: steps of the model from one sample to the next, through which the inputs are held.
+
+    Attributes:
+        model: the identification model.
+        period_s: sample period [s].
     """
 
-    def __init__(self, model: mujoco.MjModel, layout: JointLayout) -> None:
+    def __init__(self, model: mujoco.MjModel, layout: JointLayout, substeps: int = 1) -> None:
         self.model = model
+        self.period_s = float(model.opt.timestep) * substeps
+        self._substeps = substeps
         self._layout = layout
         self._data = mujoco.MjData(model)
         self._inertia_slopes: FloatArray = np.zeros((0, 4, 4))
@@ -54,7 +61,7 @@ class Lineariser:
         self._inertia_slopes = realisation.inertia_slopes
 
     def step(self, block: BelievedBlock, k: int) -> StepLinearisation:
-        """Linearise the step from sample k of a block, along the estimated motion.
+        """Linearise what happens from sample k of a block to the next, along the estimated motion.
 
         Not at the readings as they are: an offset that a torque sensor is already known to have would accelerate a
         light link, and by the slope of its inertia make an encoder look better known than it is.
@@ -67,6 +74,10 @@ class Lineariser:
         mujoco.mj_forward(model, data)
         velocity = model.opt.timestep * self._response()
         from_force = np.vstack([model.opt.timestep * velocity, velocity])
+        if self._substeps > 1:
+            powers = [np.linalg.matrix_power(transition, n) for n in range(self._substeps + 1)]
+            held = sum(powers[:-1])
+            transition, from_wrench, from_force = powers[-1], held @ from_wrench, held @ from_force
         return StepLinearisation(transition, from_force[:, self._layout.joint_dof], from_wrench, from_force)
 
     def inertial_forces(self, block: BelievedBlock, k: int, bodies: IntArray, parameters: IntArray) -> FloatArray:
