@@ -106,6 +106,10 @@ class Robot:
         """Nominal mass of all moving links [kg]."""
         return float(sum(self.nominal_mass_kg(link) for link in self.links))
 
+    def steps_in(self, period_s: float) -> int:
+        """How many of the model's time steps a sample period [s] holds, at least 1."""
+        return max(1, round(period_s / float(self.model.opt.timestep)))
+
     def nominal_mass_kg(self, link: str) -> float:
         """Mass that the model file gives a link [kg].
 

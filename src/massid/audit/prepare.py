@@ -53,7 +53,7 @@ def prepare_walk(
     topics = topics or TopicMap()
     walk = read_walk(path, topics) if walk is None else walk
     robot = robot.locked(_locked(robot, walk, topics))
-    steps, noisy = _steps_per_sample(robot, walk), white_level(walk.qvel[:, 6:]) >= CLEAN_VELOCITY
+    steps, noisy = min(robot.steps_in(walk.timestep_s), _MOST_STEPS), white_level(walk.qvel[:, 6:]) >= CLEAN_VELOCITY
     factor = 1 if noisy else steps  # interpolated noise looks like motion, and the log like one without noise
     audit = audit_walk(robot, refined(walk, factor), thorough=thorough)
     notes: tuple[str, ...] = ()
@@ -66,8 +66,8 @@ def prepare_walk(
     elif steps > 1:
         notes = (
             f"{walk.source}: {1 / walk.timestep_s:.6g} Hz is slower than the model's step of "
-            f"{robot.model.opt.timestep:g} s; the log has sensor noise, so nothing was put between its samples, and "
-            "what changes within a period is not in the intervals.",
+            f"{robot.model.opt.timestep:g} s; the log has sensor noise, so nothing was put between its samples: the "
+            "models take their own steps there, with torques and wrenches held.",
         )
     lag = audit.lag
     if lag is not None and lag.believed:
@@ -126,11 +126,6 @@ def prepare_walks(
                 "several logs need one set of joints; `ignore` and `locked` in a topic map leave joints out."
             )
     return prepared
-
-
-def _steps_per_sample(robot: Robot, walk: Walk) -> int:
-    """How many of the model's time steps a sample period holds."""
-    return max(1, min(round(walk.timestep_s / float(robot.model.opt.timestep)), _MOST_STEPS))
 
 
 def _locked(robot: Robot, walk: Walk, topics: TopicMap) -> dict[str, float]:

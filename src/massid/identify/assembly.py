@@ -53,8 +53,8 @@ def assemble(
         ModelError: a contact body is not in the model.
     """
     model = robot.identification_model(contact_bodies)
-    # A log without noise that is slower than the model has been put on the model's clock, as far as that goes.
-    substeps = 1 if noise is None else max(1, round(timestep_s / model.opt.timestep))
+    # A slower log without noise is on the model's clock already, as far as that goes.
+    substeps = 1 if noise is None else robot.steps_in(timestep_s)
     model.opt.timestep = timestep_s / substeps
     injection: OutputInjection
     if noise is None:
