@@ -74,10 +74,12 @@ class Lineariser:
         mujoco.mj_forward(model, data)
         velocity = model.opt.timestep * self._response()
         from_force = np.vstack([model.opt.timestep * velocity, velocity])
-        if self._substeps > 1:
-            powers = [np.linalg.matrix_power(transition, n) for n in range(self._substeps + 1)]
-            held = sum(powers[:-1])
-            transition, from_wrench, from_force = powers[-1], held @ from_wrench, held @ from_force
+        if self._substeps > 1:  # A^n, and 1 + A + ... + A^(n-1) for the inputs
+            held = one = np.eye(2 * nv)
+            for _ in range(self._substeps - 1):
+                held = transition @ held + one
+            from_wrench, from_force = held @ from_wrench, held @ from_force
+            transition = np.linalg.matrix_power(transition, self._substeps)
         return StepLinearisation(transition, from_force[:, self._layout.joint_dof], from_wrench, from_force)
 
     def inertial_forces(self, block: BelievedBlock, k: int, bodies: IntArray, parameters: IntArray) -> FloatArray:
