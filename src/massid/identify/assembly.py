@@ -13,6 +13,7 @@ from massid.observer.injection import InertiaShapedInjection, OutputInjection
 from massid.observer.inputs import InputBelief
 from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
+from massid.observer.spans import REACH_S
 from massid.observer.tangents import TangentFilter
 from massid.parameters import Kind, ParameterSpace
 from massid.robot import Robot
@@ -43,11 +44,13 @@ def assemble(
     options: IdentifyOptions,
     *,
     tangents: bool = True,
+    reach_s: float = REACH_S,
 ) -> Assembly:
     """Build the bank of identification models that options and noise call for.
 
     Without noise the output injection is inertia-shaped; with noise it is the Kalman gain, and mu is minus twice the
-    logarithm of the likelihood. Without `tangents` it computes no derivatives, for who wants output errors alone.
+    logarithm of the likelihood. Without `tangents` it computes no derivatives, for who wants output errors alone;
+    `reach_s` is how far around a sample the motion is averaged that they are made of [s].
 
     Raises:
         ModelError: a contact body is not in the model.
@@ -61,7 +64,9 @@ def assemble(
         injection = InertiaShapedInjection(model, options.bandwidth_rad_s, options.damping_ratio)
     else:
         is_unknown = any(parameter.kind is Kind.FRICTION for parameter in space.parameters)
-        beliefs = InputBelief(model, robot.layout, noise, timestep_s=timestep_s, unknown_friction=is_unknown)
+        beliefs = InputBelief(
+            model, robot.layout, noise, timestep_s=timestep_s, reach_s=reach_s, unknown_friction=is_unknown
+        )
         model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
         lineariser = Lineariser(copy.copy(model), robot.layout, substeps)
         columns = TangentFilter(robot, space.parameters, contact_bodies, lineariser) if tangents else None

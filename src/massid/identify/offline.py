@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from massid.identify.assembly import assemble
+from massid.identify.averaging import suitable_reach_s
 from massid.identify.conclusion import Findings, LogFacts, conclude
 from massid.identify.logs import Log, gather_logs, gather_warnings, join_spaces
 from massid.identify.online import BLOCK_STEPS
@@ -20,7 +21,7 @@ from massid.identify.result import Result, WindowResult
 from massid.log.walk import Segment, Walk
 from massid.observer.blas import single_threaded
 from massid.observer.replay import replay_block, split
-from massid.observer.spans import Spans
+from massid.observer.spans import REACH_S, Spans
 from massid.parameters import ParameterSpace
 from massid.robot import Robot
 from massid.search.guided import GuidedSearch, Iteration, SearchStatus
@@ -156,8 +157,11 @@ class _Replay:
     def __init__(self, log: Log, robot: Robot, options: IdentifyOptions, columns: IntArray) -> None:
         walk = self._walk = log.walk
         self._windows = walk.filled_windows(options.dwell_s)
-        self._look_ahead = Spans.at(walk.timestep_s).look_ahead
-        self._assembly = assemble(robot, log.space, walk.contact_bodies, walk.timestep_s, log.noise, options)
+        reach_s = REACH_S if log.noise is None else suitable_reach_s(walk, log.noise)
+        self._look_ahead = Spans.at(walk.timestep_s, reach_s).look_ahead
+        self._assembly = assemble(
+            robot, log.space, walk.contact_bodies, walk.timestep_s, log.noise, options, reach_s=reach_s
+        )
         self._columns = columns
         self._fresh = {segment.start for segment in walk.segments}
         self._end_of = {

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.ndimage import correlate1d
 
 from massid.layout import JointLayout
 from massid.noise import SensorNoise
 from massid.observer.contact_gate import is_unloaded
 from massid.observer.friction import Friction, StickSlip
+from massid.observer.neighbours import level, slope
 from massid.observer.replay import ReplayBlock
-from massid.observer.spans import Spans
+from massid.observer.spans import REACH_S, Spans
 from massid.realisation import Realisation, SensorErrors
 from massid.typing import FloatArray
 
@@ -85,6 +85,7 @@ class InputBelief:
         layout: addresses of the free joint and the one-axis joints.
         noise: of the sensors.
         timestep_s: sample period; default the time step of the model [s].
+        reach_s: how far around a sample its motion is averaged [s].
         unknown_friction: whether friction losses are to be found, be they zero in the model.
     """
 
@@ -95,11 +96,12 @@ class InputBelief:
         noise: SensorNoise,
         *,
         timestep_s: float | None = None,
+        reach_s: float = REACH_S,
         unknown_friction: bool = False,
     ) -> None:
         self._noise = noise
         self._timestep_s = float(model.opt.timestep) if timestep_s is None else timestep_s
-        self._spans = Spans.at(self._timestep_s)
+        self._spans = Spans.at(self._timestep_s, reach_s)
         self._joint_qpos, self._joint_dof = layout.joint_qpos, layout.joint_dof
         self._sensors: SensorErrors | None = None
         rubs = unknown_friction or bool(np.any(model.dof_frictionloss > 0.0))
@@ -158,12 +160,12 @@ class InputBelief:
             sliding=rubbing.sliding,
             motion=Motion(
                 position=qpos[own],
-                velocity=_level(qvel, own, spans),
-                acceleration=_slope(qvel, own, spans) / self._timestep_s,
-                effort=_level(effort, own, spans),
-                wrench=_level(wrench, own, spans) * loaded[own],
-                effort_rate=_slope(effort, own, spans) / self._timestep_s,
-                wrench_rate=_slope(wrench, own, spans) / self._timestep_s * loaded[own],
+                velocity=level(qvel, own, spans),
+                acceleration=slope(qvel, own, spans) / self._timestep_s,
+                effort=level(effort, own, spans),
+                wrench=level(wrench, own, spans) * loaded[own],
+                effort_rate=slope(effort, own, spans) / self._timestep_s,
+                wrench_rate=slope(wrench, own, spans) / self._timestep_s * loaded[own],
             ),
         )
 
@@ -189,33 +191,3 @@ def _read_later(rows: FloatArray, samples: float) -> FloatArray:
     share = samples - below
     first, second = (np.clip(np.arange(len(rows)) + below + k, 0, len(rows) - 1) for k in (0, 1))
     return np.asarray((1.0 - share) * rows[first] + share * rows[second])
-
-
-def _level(rows: FloatArray, own: slice, spans: Spans) -> FloatArray:
-    """Averages of both sides' neighbours, for some of the rows."""
-    width = spans.reach - spans.gap
-    return _from_sides(rows, own, spans, np.full(width, 1.0 / width))
-
-
-def _slope(rows: FloatArray, own: slice, spans: Spans) -> FloatArray:
-    """Slopes of straight lines through both sides' neighbours, for some of the rows, per row."""
-    width = spans.reach - spans.gap
-    offsets = np.arange(width) - 0.5 * (width - 1)
-    return _from_sides(rows, own, spans, offsets / (offsets @ offsets))
-
-
-def _from_sides(rows: FloatArray, own: slice, spans: Spans, weights: FloatArray) -> FloatArray:
-    """Mean of the weighted neighbours before and after; of one side alone where the other has not been measured."""
-    n, width = len(rows), len(weights)
-    if n < width:  # as for the last samples of a short log
-        whole = rows.mean(axis=0) * weights.sum()
-        return np.repeat(whole[None], own.stop - own.start, axis=0)
-    sums = correlate1d(rows, weights, axis=0, origin=-(width // 2))[: n - width + 1]  # of rows k .. k + width - 1
-    k = np.arange(own.start, own.stop)
-    before, after = k - spans.reach, k + spans.gap + 1
-    has_before, has_after = before >= 0, after <= n - width
-    neither = ~(has_before | has_after)
-    share = has_after / np.maximum(has_before.astype(int) + has_after, 1)
-    nearest = np.clip(k - width // 2, 0, n - width)
-    first = np.where(neither, nearest, np.clip(before, 0, n - width))
-    return np.asarray((1.0 - share)[:, None] * sums[first] + share[:, None] * sums[np.clip(after, 0, n - width)])

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 GAP_S, REACH_S = 0.005, 0.02
-"""The motion at a sample is estimated from those more than a gap and at most a reach before and after it [s]."""
+"""The motion at a sample is estimated from those more than a gap and at most a reach before and after it [s]. The reach
+is that of a walk; slower motion bears a longer one."""
 HALF_WIDTH_S = 0.007
 """Forces that tell load, and velocities that tell friction, are averaged over so much before and after them [s]."""
 BRIEF_S = 0.001
@@ -39,10 +40,10 @@ class Spans:
     settling: int
 
     @classmethod
-    def at(cls, timestep_s: float) -> Spans:
-        """The spans of a log with a sample period."""
+    def at(cls, timestep_s: float, reach_s: float = REACH_S) -> Spans:
+        """The spans of a log with a sample period, and a reach that suits its motion."""
         gap, reach, half_width, brief, settling = (
-            max(1, round(span_s / timestep_s)) for span_s in (GAP_S, REACH_S, HALF_WIDTH_S, BRIEF_S, SETTLING_S)
+            max(1, round(span_s / timestep_s)) for span_s in (GAP_S, reach_s, HALF_WIDTH_S, BRIEF_S, SETTLING_S)
         )
         return cls(gap, max(reach, gap + LEAST_NEIGHBOURS), half_width, brief, settling)
 
