@@ -25,6 +25,8 @@ SMALLEST_REACH_M = 0.01
 """Taken for the radius of gyration of a body that is next to a point."""
 SHAPE_SCALE, SHAPE_REACH = 0.5, 1.5
 """Typical change and bound of the logarithm of a radius of gyration: a factor of 4.5 to either side."""
+FARTHEST_PAYLOAD = 3.0
+"""Times the size of the robot."""
 PAYLOAD_REACH = 0.5
 """Largest payload, as a share of the whole robot's mass."""
 SMALLEST_PAYLOAD_SCALE = 0.01
@@ -71,9 +73,15 @@ def payload_parameter(model: mujoco.MjModel, text: str, total_kg: float) -> Para
     """A point mass on a body, written BODY or BODY@X,Y,Z in the frame of the body [m]; nominally none.
 
     Raises:
-        BadInputError: the point is not three finite numbers.
+        BadInputError: the point is not three finite numbers, or nowhere near the robot.
     """
     body, point = parse_payload(text)
+    away_m, size_m = float(np.linalg.norm(point)), float(model.stat.extent)
+    if away_m > FARTHEST_PAYLOAD * size_m:
+        raise BadInputError(
+            f"Payload '{text}' is {away_m:.3g} m from the origin of {body}; expected a point on the robot, which is "
+            f"{size_m:.2g} m across, in metres and in the frame of the body."
+        )
     scale = max(float(model.body(body).mass[0]), SMALLEST_PAYLOAD_SCALE * total_kg)
     upper = max(PAYLOAD_REACH * total_kg, scale)
     return Parameter(Kind.PAYLOAD, f"{body}@{','.join(f'{x:g}' for x in point)}", 0.0, 0.0, upper, scale)

@@ -40,6 +40,17 @@ def check_outputs(inputs: Sequence[NamedFile], outputs: Sequence[NamedFile]) -> 
         _check_writable(path)
 
 
+def check_suffix(name: str, path: Path | None, suffix: str) -> None:
+    """Pass if a file that is to be written is called what it is; a device or a pipe is called what it likes.
+
+    Raises:
+        BadInputError: its name ends in something else.
+    """
+    if path is None or path.suffix == suffix or (path.exists() and not path.is_file()):
+        return
+    raise BadInputError(f"{name} {path}: expected a name that ends in {suffix}.")
+
+
 def _is_same(path: Path, other: Path) -> bool:
     try:
         return path.resolve() == other.resolve() or (path.exists() and other.exists() and path.samefile(other))

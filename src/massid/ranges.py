@@ -32,6 +32,17 @@ def require_positive(options: Mapping[str, float]) -> None:
             raise OptionError(name, value, "a finite number above 0")
 
 
+def require_at_most(most: float, options: Mapping[str, float]) -> None:
+    """Pass if no number is larger.
+
+    Raises:
+        OptionError: one is.
+    """
+    for name, value in options.items():
+        if value > most:
+            raise OptionError(name, value, f"at most {most:g}")
+
+
 def require_not_negative(options: Mapping[str, float]) -> None:
     """Pass if all numbers are finite and at least zero.
 

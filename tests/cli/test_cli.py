@@ -1,9 +1,13 @@
 from __future__ import annotations
 
+import errno
 import json
 import math
+import os
 import re
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +15,8 @@ import numpy as np
 import pytest
 
 from massid.assets import sample_walk
-from massid.cli import main
+from massid.cli import INTERRUPTED, main
+from massid.identify.options import IdentifyOptions, idle_options
 from massid.log import Walk, WalkWriter, read_walk
 from massid.robot import Robot
 from massid.score import Truth
@@ -192,6 +197,8 @@ def test_a_bad_log_is_one_line_and_code_2(
         (("--inertia", "hand"), "no link named 'hand'"),
         (("--friction", "l_kne"), "Did you mean l_knee"),
         (("--payload", "torso@0,0"), "expected BODY or BODY@X,Y,Z"),
+        (("--payload", "torso@1e9,0,0"), "expected a point on the robot"),
+        (("--scan", "nose"), "no parameter named 'nose'"),
         (("--bank-size", "7"), "serves at most 6 unknowns"),
         (("--links", "torso,,l_foot"), "--links 'torso,,l_foot' has an empty name"),
         (("--com", ""), "--com '' has an empty name"),
@@ -313,6 +320,55 @@ def test_times_are_finite(
     error = capsys.readouterr().err
     assert error.startswith(f"massid: error: {option} is {value}; it must be a finite number")
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "message"),
+    [
+        ("--seed", "-1", "--seed is -1; it must be a finite number, at least 0"),
+        ("--seconds", "1e12", "--seconds is 1000000000000.0; it must be at most 3600"),
+        ("--mass-error-kg", "nan", "is nan kg; it must be a finite number, at least 0"),
+    ],
+)
+def test_record_refuses_absurd_numbers(
+    option: str, value: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["record", str(tmp_path / "w.mcap"), option, value]) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_full_disk_is_one_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("massid.cli.console.say", full)
+    out = os.dup(1)
+    try:
+        assert main(["links", "atlas"]) == 2
+    finally:
+        os.dup2(out, 1)
+        os.close(out)
+    assert capfd.readouterr().err == "massid: error: writing: No space left on device\n"
+
+
+def test_an_interrupt_while_loading_is_one_line() -> None:
+    code = (
+        "import sys, builtins; from massid.cli import main; load = builtins.__import__\n"
+        "def interrupted(name, *rest):\n"
+        "    if name == 'tyro': raise KeyboardInterrupt\n"
+        "    return load(name, *rest)\n"
+        "builtins.__import__ = interrupted; sys.exit(main(['links', 'atlas']))"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr) == (INTERRUPTED, "massid: interrupted\n")
+
+
+def test_options_that_a_log_has_no_use_for_are_named() -> None:
+    options = IdentifyOptions(bandwidth_rad_s=30.0, lag_s=0.0)
+    assert idle_options(options, noisy=True) == ("--bandwidth-rad-s has no effect on a noisy log.",)
+    assert idle_options(options, noisy=False) == ("--lag-s has no effect on a clean log.",)
+    assert idle_options(IdentifyOptions(), noisy=True) == ()
 
 
 @pytest.mark.parametrize("command", ["demo", "record", "identify", "report", "view", "links"])

@@ -54,6 +54,10 @@ def contents(folder: Path) -> dict[str, str]:
         ("identify walk.mcap --save-model folder", "Cannot write folder: it is a folder."),
         ("identify walk.mcap --json /proc/x.json", "Cannot write /proc/x.json: "),
         ("identify walk.mcap --png no/a.png", "the folder no does not exist"),
+        ("identify walk.mcap --png a.jpg", "--png a.jpg: expected a name that ends in .png"),
+        ("identify walk.mcap --rerun a.mp4", "--rerun a.mp4: expected a name that ends in .rrd"),
+        ("record walk.txt --seconds 1", "the log walk.txt: expected a name that ends in .mcap"),
+        ("corrupt walk.mcap new.mcap --noise clean", "--noise clean changes nothing"),
         ("identify walk.mcap --json circle", "Cannot write circle: "),
         ("inspect walk.mcap --html walk.mcap", "walk.mcap is the log itself; give --html another name"),
         ("inspect walk.mcap --html folder", "Cannot write folder: it is a folder."),
@@ -64,7 +68,7 @@ def contents(folder: Path) -> dict[str, str]:
         ("repair walk.mcap walk.mcap", "walk.mcap is the damaged file itself"),
         ("repair walk.mcap.partial walk.mcap --topics ros2", "walk.mcap.partial is the damaged file itself"),
         ("corrupt walk.mcap.partial walk.mcap", "walk.mcap.partial is the clean log itself"),
-        ("corrupt walk.mcap walk.log", "walk.truth.json is the truth file of walk.mcap itself"),
+        ("corrupt walk.mcap walk.log", "the log walk.log: expected a name that ends in .mcap"),
     ],
 )
 def test_no_command_writes_over_what_it_reads_or_writes(

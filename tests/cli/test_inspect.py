@@ -40,6 +40,15 @@ def test_inspect_tells_topics_physics_and_verdict(
     assert "the ground carries" in page
 
 
+def test_inspect_refuses_an_unknown_link_before_it_prints(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["inspect", str(log), "--model", str(tmp_path / "robot.xml"), "--links", "nose"]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "has no link named 'nose'" in said.err
+
+
 def test_inspect_calls_nothing_measured_that_is_not(log: Path, tmp_path: Path) -> None:
     walk = read_walk(log)
     assert _lag(0.0012, walk) == "+1.20 ms"

@@ -78,7 +78,8 @@ def _share(moved: FloatArray, expected: FloatArray, least: float, noise: float) 
     wanted = float(np.sqrt((expected**2).sum(axis=1).mean()))
     if max(size, wanted) < least:
         return None
-    rest = float(((moved - expected) ** 2).sum(axis=1).mean()) - _MARGIN * added
+    margin = _MARGIN + 3.0 * np.sqrt(4.0 / moved.size)  # spans overlap by half; few of them scatter
+    rest = float(((moved - expected) ** 2).sum(axis=1).mean()) - margin * added
     return float(np.sqrt(max(0.0, rest))) / max(size, wanted)
 
 

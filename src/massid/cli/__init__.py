@@ -1,5 +1,21 @@
 """The massid command line."""
 
-from massid.cli.app import main
+from __future__ import annotations
 
-__all__ = ["main"]
+import sys
+from collections.abc import Sequence
+
+__all__ = ["INTERRUPTED", "main"]
+
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code. Loading takes seconds, in which it can be interrupted as well."""
+    try:
+        from massid.cli.app import run
+
+        return run(sys.argv[1:] if arguments is None else arguments)
+    except KeyboardInterrupt:
+        sys.stderr.write("massid: interrupted\n")
+        return INTERRUPTED

@@ -21,7 +21,7 @@ from massid.cli.record import Record
 from massid.cli.repair import Repair
 from massid.cli.report import Report
 from massid.cli.view import View
-from massid.errors import MassidError
+from massid.errors import BadInputError, MassidError
 from massid.ranges import OptionError
 
 DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
@@ -29,7 +29,6 @@ DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
 Exit codes: 0 good, 2 bad input, 3 not identifiable, 4 fell or did not converge."""
 
 COMMANDS = (Demo, Record, Identify, Inspect, Repair, Corrupt, Report, View, Paper, Links)
-INTERRUPTED = 130
 
 
 class Command(Protocol):
@@ -39,11 +38,10 @@ class Command(Protocol):
         """Do it; returns the exit code."""
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
+def run(arguments: Sequence[str]) -> int:
+    """Run one command; returns the exit code."""
     try:
-        if arguments == ["--version"]:
+        if list(arguments) == ["--version"]:
             sys.stdout.write(f"massid {version('massid')}\n")
             return 0
         return _parse(arguments).run()
@@ -53,13 +51,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MassidError as error:
         sys.stderr.write(f"massid: error: {error}\n")
         return error.exit_code
-    except KeyboardInterrupt:
-        sys.stderr.write("massid: interrupted\n")
-        return INTERRUPTED
     except BrokenPipeError:
         # The reader of our output went away, as in `massid links atlas | head -1`.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # a full disk, a folder that was taken away
+        sys.stderr.write(f"massid: error: {error.filename or 'writing'}: {error.strerror or error}\n")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BadInputError.exit_code
 
 
 def _parse(arguments: Sequence[str]) -> Command:

@@ -118,5 +118,5 @@ def print_result(result: Result, scored: Score | None) -> None:
     if result.validation is not None:
         for line in result.validation.lines():
             say(line)
-    if scored:
+    if scored and not result.hidden_links:
         say(f"L2 mass error: {scored.l2_error_initial_kg:.3g} kg before, {scored.l2_error_kg[-1]:.2g} kg after")

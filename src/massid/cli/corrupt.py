@@ -7,7 +7,9 @@ from pathlib import Path
 
 import tyro
 
+from massid.errors import BadInputError
 from massid.noise import NoisePreset
+from massid.outputs import check_suffix
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,9 @@ class Corrupt:
         from massid.cli.console import say, warn
         from massid.plant import corrupt_log
 
+        check_suffix("the log", self.out, ".mcap")
+        if self.noise == "clean":
+            raise BadInputError("--noise clean changes nothing: choose white, realistic or harsh.")
         written = corrupt_log(self.source, self.out, self.noise, self.seed)
         for warning in written.walk.warnings:
             warn(warning)

@@ -20,13 +20,14 @@ from massid.cli.arguments import (
     topics_file,
 )
 from massid.errors import BadInputError, LogError
-from massid.identify.options import IdentifyOptions
+from massid.identify.options import IdentifyOptions, idle_options
 from massid.identify.result import Status
 from massid.log.walk import Walk
-from massid.outputs import check_outputs
-from massid.parameters import Kind
+from massid.outputs import check_outputs, check_suffix
+from massid.parameters import Kind, ParameterSpace
 from massid.robot import Robot
 from massid.search.guided import check_bank_size, enough_models
+from massid.search.scan import scanned_columns
 from massid.unknowns import parameter_space
 
 if TYPE_CHECKING:
@@ -99,13 +100,10 @@ class Identify:
         from massid.log import TopicMap, load_topics, read_walk
         from massid.score import Truth, score
 
-        if not 0.0 <= self.held_out < 1.0:
-            raise BadInputError(f"--held-out is {self.held_out}; it must be at least 0 and less than 1.")
+        self._check_numbers()
         self._check_files(None if self.model is None else resolve_model(self.model))
         truth = Truth.load(self.truth) if self.truth else None
         topics = load_topics(self.topics) if self.topics else TopicMap()
-        if not self.logs:
-            raise BadInputError("No log given: massid identify LOG [LOG ...].")
         read = [read_walk(log, topics) for log in self.logs]
         model = self._model_path(read)
         self._check_files(model)
@@ -115,24 +113,18 @@ class Identify:
         known = [warning for walk in walks for warning in walk.warnings]
         for warning in known:
             warn(warning)
-        space = parameter_space(
-            robot,
-            self._links(robot),
-            com=parse_names("--com", self.com),
-            inertia=parse_names("--inertia", self.inertia),
-            payload=self.payload,
-            friction=parse_names("--friction", self.friction),
-            damping=parse_names("--damping", self.damping),
-        )
+        space = self._space(robot)
         weighed = {one.target: one.nominal for one in space.parameters if one.kind is Kind.MASS}
-        for warning in truth.check_robot(weighed) if truth else ():
-            warn(warning)
+        strange = truth.check_robot(weighed) if truth else ()
         options = options_for(self.options, [one.audit for one in prepared], len(space))
         parts = [hold_out(walk, self.held_out) for walk in walks]
         fitted, held = [part.fitted for part in parts], [part.held for part in parts]
         noisy = resolve_noise(fitted[0], robot, options) is not None
         is_offline = self.mode == "offline" or (self.mode == "auto" and noisy)
         check_bank_size(space, options.bank_size)
+        scanned_columns(space, options.search.scan)
+        for warning in (*strange, *idle_options(options, noisy)):
+            warn(warning)
         check_windows(fitted, options.dwell_s, all_needed=is_offline)
         with progress_bar("judging") as progress:
             verdict = foresee(fitted, robot, space, options, progress, self.options.noise)
@@ -151,6 +143,12 @@ class Identify:
             self._write_json(result, scored, parts[0], robot, options)
         self._write(result, scored, walks, robot, complete)
         return EXIT_CODES[result.status]
+
+    def _check_numbers(self) -> None:
+        if not 0.0 <= self.held_out < 1.0:
+            raise BadInputError(f"--held-out is {self.held_out}; it must be at least 0 and less than 1.")
+        if not self.logs:
+            raise BadInputError("No log given: massid identify LOG [LOG ...].")
 
     def _check_files(self, model: Path | None) -> None:
         """Pass if all that was asked for can be written, and nothing that is read is lost by it."""
@@ -171,6 +169,8 @@ class Identify:
                 ("--png", self.png),
             ],
         )
+        check_suffix("--rerun", self.rerun, ".rrd")
+        check_suffix("--png", self.png, ".png")
 
     def _write(
         self, result: Result, scored: Score | None, walks: Sequence[Walk], robot: Robot, complete: Robot
@@ -231,6 +231,17 @@ class Identify:
                 )
             paths.append(path)
         return paths[0]
+
+    def _space(self, robot: Robot) -> ParameterSpace:
+        return parameter_space(
+            robot,
+            self._links(robot),
+            com=parse_names("--com", self.com),
+            inertia=parse_names("--inertia", self.inertia),
+            payload=self.payload,
+            friction=parse_names("--friction", self.friction),
+            damping=parse_names("--damping", self.damping),
+        )
 
     def _links(self, robot: Robot) -> list[str]:
         if self.links is not None:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from massid.audit import Audit, Prepared
     from massid.cli.report_page import Page
     from massid.log import LogSummary, Walk
+    from massid.parameters import ParameterSpace
+    from massid.robot import Robot
 
 _LEAST_LOAD = 0.05
 """Share of the weight below which the direction of the mean force means nothing."""
@@ -49,6 +51,7 @@ class Inspect:
         """Print, section by section."""
         from massid.cli.report_page import Page
         from massid.log import TopicMap, load_topics, summarise_log
+        from massid.robot import Robot
 
         model = None if self.model is None else resolve_model(self.model)
         topics = load_topics(self.topics) if self.topics else TopicMap()
@@ -56,15 +59,17 @@ class Inspect:
         check_outputs(inputs, [("--html", self.html)])
         page = Page(f"massid inspect {self.log}")
         summary = summarise_log(self.log)
-        self._print_topics(page, summary)
         path = model or find_model_by_hash(dict(summary.metadata.get("massid", {})).get("model_sha256", ""))
-        if path is None:
+        robot = None if path is None else Robot.load(path)
+        if robot is not None:
+            self._space(robot)  # a name that does not exist is told at once
+        self._print_topics(page, summary)
+        if robot is None:
             page.section("Robot", ["no model given (--model), so the log was not checked against any physics"])
         else:
             from massid.audit import prepare_walk
-            from massid.robot import Robot
 
-            prepared = prepare_walk(self.log, Robot.load(path), topics, thorough=True)
+            prepared = prepare_walk(self.log, robot, topics, thorough=True)
             self._print_audit(page, prepared)
             self._print_verdict(page, prepared)
             if self.html:
@@ -119,13 +124,9 @@ class Inspect:
         from massid.identify.verdict import foresee
 
         robot, walk = prepared.robot, prepared.walk
-        if self.links is not None:
-            links = tuple(parse_names("--links", self.links))
-        else:
-            links = tuple(link for link in robot.links if robot.welded_to(link) is None)
         with progress_bar("judging") as progress:
             options = options_for(IdentifyOptions(), [prepared.audit])
-            verdict = foresee(walk, robot, mass_space(robot, links), options, progress)
+            verdict = foresee(walk, robot, self._space(robot), options, progress)
         rows = [
             (link, f"{nominal:.3f}", f"{INTERVAL_95 * std:.2g}", "identifiable" if seen else "not identifiable")
             for link, nominal, std, seen in zip(
@@ -134,6 +135,12 @@ class Inspect:
         ]
         page.table("Links", ("link", "nominal [kg]", "known to, 95 % [kg]", "verdict"), rows)
         page.section("Verdict", verdict.lines())
+
+    def _space(self, robot: Robot) -> ParameterSpace:
+        """The masses of the links that were named, or of all that move by themselves."""
+        if self.links is not None:
+            return mass_space(robot, parse_names("--links", self.links))
+        return mass_space(robot, [link for link in robot.links if robot.welded_to(link) is None])
 
 
 def _share(value: float | None) -> str:

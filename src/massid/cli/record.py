@@ -12,11 +12,14 @@ import tyro
 from massid.cli.arguments import MassErrorList, OptionalKg
 from massid.errors import BadInputError, FallError
 from massid.noise import NoisePreset
-from massid.outputs import check_outputs
-from massid.ranges import require_positive
+from massid.outputs import check_outputs, check_suffix
+from massid.ranges import require_at_most, require_not_negative, require_positive
 
 if TYPE_CHECKING:
     from massid.plant import HiddenMasses, RecordingReport
+
+LONGEST_S = 3600.0
+"""An hour of walking is 2.5 GB."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +84,14 @@ class Record:
         if self.mass and self.mass_error_kg is not None:
             raise BadInputError("Give either --mass or --mass-error-kg, not both.")
         require_positive({"seconds": self.seconds})
+        require_at_most(LONGEST_S, {"seconds": self.seconds})
+        require_not_negative({"seed": self.seed})
         model = resolve_model(self.robot)
         truth = truth_path(self.out)
         check_outputs(
             [("the model (--robot)", model)], [("the log", self.out), ("the truth file beside the log", truth)]
         )
+        check_suffix("the log", self.out, ".mcap")
         hidden = parse_masses(self.mass) if self.mass else MassErrors(norm_kg=self.mass_error_kg)
         with progress_bar("walking") as progress:
             return record_walk(

@@ -94,7 +94,7 @@ def conclude(
         mode=log.mode,
         log_s=log.log_s,
         wall_s=wall_s,
-        warnings=log.warnings + _misfit(findings) + _scatter(uncertainty),
+        warnings=log.warnings + _misfit(findings, converged) + _scatter(uncertainty),
         sources=log.sources,
         uncertainty=uncertainty,
         quantities=describe(
@@ -118,7 +118,7 @@ def _scatter(uncertainty: Uncertainty | None) -> tuple[str, ...]:
     )
 
 
-def _misfit(findings: Findings) -> tuple[str, ...]:
+def _misfit(findings: Findings, converged: bool) -> tuple[str, ...]:
     """Say so if no masses of the links asked for explain a log without noise.
 
     What is left of mu is stated as the relative error that a typical one of these masses would have to have to leave as
@@ -134,9 +134,15 @@ def _misfit(findings: Findings) -> tuple[str, ...]:
     relative = float(np.sqrt(left / max(float(effect.mean()), np.finfo(float).tiny)))
     if relative < LARGEST_REST:
         return ()
+    left_over = f"what is left weighs as much as an error of {relative:.2%} in each of them"
+    if not converged:
+        return (
+            f"these links' masses do not explain the log yet: {left_over}. The search has not settled; if a longer "
+            "walk leaves as much, links that were not named (--links), the model or the log are off.",
+        )
     return (
-        f"these links' masses do not explain the log: what is left weighs as much as an error of {relative:.2%} in "
-        "each of them. Links that were not named (--links), the model or the log are off, and so are the masses found.",
+        f"these links' masses do not explain the log: {left_over}. Links that were not named (--links), the model or "
+        "the log are off, and so are the masses found.",
     )
 
 

@@ -18,9 +18,9 @@ class IdentifyOptions:
     Attributes:
         bank_size: identification models that run in parallel.
         dwell_s: length T of a dwell window [s]; model states are reset at its start only.
-        bandwidth_rad_s: w of the output injection K1 = w^2 H0, K2 = 2 zeta w H0 [rad/s].
-        damping_ratio: zeta of the output injection.
-        forgetting_rate: lambda of the monitoring signal (Eq. 6) [1/s].
+        bandwidth_rad_s: w of the output injection K1 = w^2 H0, K2 = 2 zeta w H0 (clean logs only) [rad/s].
+        damping_ratio: zeta of the output injection (clean logs only).
+        forgetting_rate: lambda of the monitoring signal, Eq. 6 (clean logs only) [1/s].
         passes: offline only: how often the log is replayed at most.
         noise: sensor noise of the log: clean, white, realistic or harsh, or auto to read white noise off the log and
             take offsets and gains as in realistic.
@@ -84,6 +84,18 @@ class IdentifyOptions:
                 "seed": self.seed,
             }
         )
+
+
+_FOR_CLEAN = ("bandwidth_rad_s", "damping_ratio", "forgetting_rate")
+_FOR_NOISY = ("other_links", "link_inertia", "lag_s")
+
+
+def idle_options(options: IdentifyOptions, noisy: bool) -> tuple[str, ...]:
+    """What was changed and has no effect on such a log, one line each."""
+    kind, names = ("a noisy", _FOR_CLEAN) if noisy else ("a clean", _FOR_NOISY)
+    usual = IdentifyOptions()
+    changed = [name for name in names if getattr(options, name) != getattr(usual, name)]
+    return tuple(f"--{name.replace('_', '-')} has no effect on {kind} log." for name in changed)
 
 
 def _finite(value: Any) -> Any:

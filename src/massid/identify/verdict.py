@@ -114,10 +114,12 @@ class Verdict:
         said = f"{self.facts.motion}; whole robot {total} (95 %, {self.sensors})"
         if not self.hidden:
             worst = int(np.argmax(self.std / self.space.scale))
-            shown = {1: "the link", 2: "both links"}.get(len(self.links), f"all {len(self.links)} links")
-            half = f"+-{INTERVAL_95 * self.std[worst]:.2g} kg"
+            name, half = self.links[worst], f"+-{INTERVAL_95 * self.std[worst]:.2g} kg"
+            shown = f"all {len(self.links)} links, {name} worst for its mass ({half})"
+            if len(self.links) == 1:
+                shown = f"{name}, to {half}"
             return [
-                f"{said}; the motion shows {shown}, {self.links[worst]} worst, to {half}",
+                f"{said}; the motion shows {shown}",
                 *(f"what would help: {line}" for line in self.advice),
             ]
         found = [said]

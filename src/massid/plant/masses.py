@@ -96,8 +96,8 @@ class MassErrors:
         """
         space = mass_space(robot, self.links or default_links(robot), welded_too=True)
         norm_kg = default_norm_kg(robot, space) if self.norm_kg is None else self.norm_kg
-        if not norm_kg >= 0.0:
-            raise BadInputError(f"The norm of the mass errors is {norm_kg} kg; it must not be negative.")
+        if not 0.0 <= norm_kg < np.inf:
+            raise BadInputError(f"The norm of the mass errors is {norm_kg} kg; it must be a finite number, at least 0.")
         errors = _draw(space, norm_kg, rng)
         links = [parameter.target for parameter in space.parameters]
         return HiddenMasses(dict(zip(links, errors.tolist(), strict=True)))
