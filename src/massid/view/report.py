@@ -181,7 +181,8 @@ def _verdict(page: HtmlPage, document: Mapping[str, Any]) -> None:
     page.heading("What the log can reveal")
     page.paragraph(
         f"Before anything was fitted: {verdict['motion']}, whole robot known to "
-        f"±{INTERVAL_95 * verdict['total_std_kg']:.2g} kg ({verdict['sensors']}). What follows ± is a 95 % interval: one in twenty misses."
+        f"±{INTERVAL_95 * verdict['total_std_kg']:.2g} kg ({verdict['sensors']}). What follows ± is a 95 % "
+        "interval: one in twenty misses."
     )
     lines = [
         f"known only to ±{INTERVAL_95 * one['relative_std']:.0%}: {one['text']}" for one in verdict["combinations"]
