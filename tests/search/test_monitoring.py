@@ -131,6 +131,30 @@ def test_search_needs_no_mujoco() -> None:
     assert GuidedSearch.__module__ == "massid.search.guided"
 
 
+def test_what_a_nuisance_explains_of_a_smoothed_column_is_taken_off_rightly() -> None:
+    """Column a + b / 10, nuisance a, instrument 0.8 a + b / 10: only b tells the first parameter.
+
+    Made symmetric, the slope of the score would be that of 0.9 a twice instead of 0.8 a times a: no information left.
+    """
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 20000))
+    proposal = Proposal(np.array([[0.0, 0.0], [0.1, 0.0], [-0.1, 0.0]]), (Role.CENTRE, Role.SAMPLE, Role.SAMPLE), 1)
+    roots, said = [], []
+    for _ in range(60):
+        errors = OutputErrors(
+            values=(rng.normal(size=20000) + proposal.points[:, :1] * (a + 0.1 * b))[:, :, None],
+            diverged=np.zeros(3, dtype=np.bool_),
+            tangents=np.stack([0.8 * a + 0.1 * b, a])[:, :, None],
+        )
+        scores = MonitoringFilter(3, timestep_s=1.0)
+        scores.update(errors)
+        quadratic = scores.result(proposal).window_quadratic().symmetric()
+        roots.append(-np.linalg.solve(quadratic.curvature, quadratic.gradient)[0])
+        said.append(2.0 * np.linalg.inv(quadratic.curvature)[0, 0])
+    assert np.var(roots) == pytest.approx(1.0 / (0.1**2 * 20000), rel=0.5)
+    assert np.mean(said) == pytest.approx(np.var(roots), rel=0.5)
+
+
 def test_noise_in_the_instruments_is_not_taken_for_information() -> None:
     """The root of the gradient scatters as the information says; the curvature alone would say a twenty-fifth."""
     rng = np.random.default_rng(0)

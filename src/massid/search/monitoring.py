@@ -150,7 +150,7 @@ class Monitoring:
         """The part of `local_quadratic` that this window brought, from the models that stayed finite.
 
         Where the bank supplies columns Z for what the samples span, too, the gradient's own slope 2 Z^T J comes with
-        it, made symmetric as it would be without noise.
+        it. It is not symmetric: Z is smoother than J, and what nuisances explain of a mass is the product of both.
 
         Raises:
             DivergedBankError: see `require_finite`.
@@ -180,8 +180,7 @@ class Monitoring:
             transform[-supplied:, n_points:] = np.eye(supplied)
             derivatives = transform[1:].copy()
             derivatives[:n_sampled] = sampled
-            slope = transform[1:] @ self.gram @ derivatives.T
-            slope = slope + slope.T
+            slope = 2.0 * transform[1:] @ self.gram @ derivatives.T
         moments = transform @ self.gram @ transform.T
         return LocalQuadratic(
             centre=self.proposal.points[centre],
