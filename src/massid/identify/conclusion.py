@@ -134,15 +134,10 @@ def _misfit(findings: Findings, converged: bool) -> tuple[str, ...]:
     relative = float(np.sqrt(left / max(float(effect.mean()), np.finfo(float).tiny)))
     if relative < LARGEST_REST:
         return ()
-    left_over = f"what is left weighs as much as an error of {relative:.2%} in each of them"
-    if not converged:
-        return (
-            f"these links' masses do not explain the log yet: {left_over}. The search has not settled; if a longer "
-            "walk leaves as much, links that were not named (--links), the model or the log are off.",
-        )
     return (
-        f"these links' masses do not explain the log: {left_over}. Links that were not named (--links), the model or "
-        "the log are off, and so are the masses found.",
+        f"these links' masses do not explain the log: what is left weighs as much as an error of {relative:.2%} in "
+        "each of them. Links that were not named (--links), the model or the log are off, and so are the masses found"
+        + ("." if converged else "; or the search has not settled, and a longer walk helps."),
     )
 
 
