@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from massid.plant import HiddenMasses, RecordingReport
 
 LONGEST_S = 3600.0
-"""An hour of walking is 2.5 GB."""
+"""An hour of walking is 3 GB."""
 
 
 @dataclass(frozen=True)
