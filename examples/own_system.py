@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from massid.parameters import ParameterSpace
 from massid.search.guided import GuidedSearch
+from massid.search.parameters import ParameterSpace
 from massid.systems.bank import SystemBank
 from massid.systems.online import run_online
 from massid.systems.plant import Controller, Plant

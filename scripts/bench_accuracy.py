@@ -42,8 +42,8 @@ from accuracy.tables import (
 )
 from accuracy.walks import prepare
 from massid.errors import MassidError
-from massid.noise import NoisePreset
 from massid.observer.blas import single_threaded
+from massid.walk.noise import NoisePreset
 from massid.walking.gait import DEFAULT_GAIT
 
 FAULTS: tuple[Fault, ...] = ("com", "inertia", "friction", "links")

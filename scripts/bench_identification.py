@@ -21,12 +21,12 @@ from rich.table import Table
 from massid.assets import resolve_model
 from massid.identify import IdentifyOptions, identify_online
 from massid.log import read_walk
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.plant import record_walk
-from massid.robot import Robot
 from massid.score import Truth, score
 from massid.search.directions import DirectionName
 from massid.search.guided import SearchOptions
-from massid.unknowns import mass_space
 
 THRESHOLD_KG = 0.5
 

@@ -19,10 +19,11 @@ from bench_robots import Bench, walk
 from massid.assets import resolve_model
 from massid.audit import audit_walk, prepare_walk
 from massid.identify import IdentifyOptions, identify_offline
-from massid.log import TopicMap, Walk, read_walk
-from massid.robot import Robot
+from massid.log import TopicMap, read_walk
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Walk
 from robot_lab import write_ros2
 
 FOLDER = Path("bench_lag")

@@ -22,9 +22,9 @@ from massid.audit import prepare_walk
 from massid.errors import LogError
 from massid.identify import IdentifyOptions, identify_online
 from massid.log import TopicMap, load_topics
-from massid.log.conventions import to_body, to_world
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.typing import FloatArray
+from massid.walk.conventions import to_body, to_world
 from robot_lab import START_NS, Recorded, RosLog
 from robot_traits import atlas_spec
 

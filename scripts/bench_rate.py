@@ -17,12 +17,13 @@ import numpy as np
 from accuracy.walks import cut
 from massid.assets import resolve_model
 from massid.identify import IdentifyOptions, identify_offline
-from massid.log import Walk, read_walk
+from massid.log import read_walk
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.plant import sensors_of, truth_path
-from massid.robot import Robot
 from massid.score import Truth, score
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Walk
 
 SECONDS = 10.0
 STRIDES = (1, 2, 5)

@@ -23,11 +23,11 @@ from rich.table import Table
 
 from massid.audit import prepare_walk
 from massid.identify import IdentifyOptions, identify_online
-from massid.parameters import ParameterSpace
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.plant import MassErrors
-from massid.robot import Robot
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
 from robot_harness import Harness, hang, marching_control, plan_march
 from robot_lab import Recorded, simulate, walking_control, wriggling_control, write_ros2
 from robot_traits import TRAITS, atlas_with, stepping_humanoid, suite_robot

@@ -24,12 +24,12 @@ from massid.identify import IdentifyOptions, identify_online
 from massid.identify.assembly import assemble
 from massid.identify.online import BLOCK_STEPS
 from massid.log import read_walk
-from massid.log.walk import Segment
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.observer.replay import replay_block, split
-from massid.robot import Robot
 from massid.search.monitoring import MonitoringFilter
 from massid.search.proposal import Proposal, Role
-from massid.unknowns import mass_space
+from massid.walk import Segment
 
 ROUNDS = 7
 STEPS = 500

@@ -29,10 +29,11 @@ from accuracy.walks import Given, prepare
 from massid.errors import MassidError
 from massid.identify.assembly import assemble
 from massid.identify.sensing import with_nuisances
-from massid.identify.verdict import REFERENCE, Verdict, foresee
-from massid.noise import PRESETS, NoisePreset
+from massid.judge.foresee import REFERENCE, foresee
 from massid.observer.blas import single_threaded
+from massid.result.verdict import Verdict
 from massid.typing import FloatArray
+from massid.walk.noise import PRESETS, NoisePreset
 
 SETTLING_S = 0.5
 """Left out at the beginning: the feet meet the floor, and that shakes every link."""

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from scipy.optimize import least_squares
 
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.typing import FloatArray, IntArray
 from robot_lab import Control
 

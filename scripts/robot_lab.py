@@ -13,15 +13,15 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from massid.log.conventions import to_body
-from massid.parameters import ParameterSpace
+from massid.model.realisation import write_fields
+from massid.model.robot import Robot
 from massid.plant import motorised
 from massid.plant.contacts import ContactRecorder, LoadCells
 from massid.plant.effort import effort_meter
 from massid.plant.parts import RobotParts
-from massid.realisation import write_fields
-from massid.robot import Robot
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray, IntArray
+from massid.walk.conventions import to_body
 from massid.walking import Walker, find_gait
 
 START_NS = 1_767_225_600_000_000_000

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from massid.assets import resolve_model
-from massid.robot import Robot
+from massid.model.robot import Robot
 
 SUITE = Path(dm_control.__file__).parent / "suite"
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.typing import FloatArray
 from tests.pushed_robot import make_robot
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import pytest
 
-from massid.log.walk import Walk
-from massid.parameters import ParameterSpace
-from massid.robot import Robot
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Walk
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
 
 

@@ -8,11 +8,11 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from massid.log.walk import Segment, Walk
-from massid.parameters import ParameterSpace
-from massid.realisation import write_fields
-from massid.robot import Robot
+from massid.model.realisation import write_fields
+from massid.model.robot import Robot
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
+from massid.walk import Segment, Walk
 
 
 def _leg(side: str, y: float) -> str:

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import null_space
 
-from massid.log import Walk
-from massid.log.walk import Segment
 from massid.observer.bank import RobotBank
 from massid.observer.replay import replay_block, split
 from massid.observer.spans import Spans
-from massid.parameters import ParameterSpace
 from massid.search.monitoring import MonitoringFilter
+from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal, Role
 from massid.typing import FloatArray
+from massid.walk import Segment, Walk
 
 STEPS = (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2)
 """Where models are placed along a direction, in relative masses."""

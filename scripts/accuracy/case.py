@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from massid.noise import NoisePreset
+from massid.walk.noise import NoisePreset
 from massid.walking.gait import DEFAULT_GAIT
 
 Part = Literal["accuracy", "coverage", "verdict", "wrong", "lengths", "speed"]

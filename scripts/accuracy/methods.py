@@ -12,16 +12,16 @@ from scipy.stats import chi2
 from accuracy.case import Case, Method
 from accuracy.sysid import weigh_by_chunks, weigh_by_observer
 from accuracy.walks import Given
-from massid.baseline import cramer_rao, scan_cutoffs, self_chosen
+from massid.compare import cramer_rao, scan_cutoffs, self_chosen
 from massid.identify import IdentifyOptions, identify_offline, identify_online
-from massid.identify.posterior import INTERVAL_95
-from massid.identify.result import Result
 from massid.identify.sensing import with_nuisances
-from massid.identify.verdict import foresee
-from massid.log.walk import Walk
-from massid.noise import PRESETS
+from massid.judge.foresee import foresee
 from massid.observer.blas import single_threaded
-from massid.parameters import ParameterSpace
+from massid.result.posterior import INTERVAL_95
+from massid.result.result import Result
+from massid.search.parameters import ParameterSpace
+from massid.walk import Walk
+from massid.walk.noise import PRESETS
 
 Measure = Callable[[Case, Given, int], dict[str, Any]]
 """From a prepared walk and a number of threads to plain numbers."""

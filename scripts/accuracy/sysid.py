@@ -20,16 +20,15 @@ import mujoco
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.log import Walk
-from massid.log.walk import Segment
-from massid.model_edit import WRENCH_SITE_PREFIX, keep_actuator_dynamics, make_plain_motor, set_options
-from massid.noise import PRESETS
+from massid.model.edit import WRENCH_SITE_PREFIX, keep_actuator_dynamics, make_plain_motor, set_options
+from massid.model.realisation import write_fields
+from massid.model.robot import Robot
 from massid.observer.bank import RobotBank
 from massid.observer.replay import replay_block
-from massid.parameters import ParameterSpace
-from massid.realisation import write_fields
-from massid.robot import Robot
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
+from massid.walk import Segment, Walk
+from massid.walk.noise import PRESETS
 
 CHUNK_STEPS = 50
 OBSERVED_STEPS = 500

@@ -12,13 +12,14 @@ import numpy as np
 from accuracy.case import Case, Fault, Friction
 from massid.assets import resolve_model
 from massid.errors import BadInputError
-from massid.log import Walk, read_walk
-from massid.parameters import Kind, ParameterSpace
+from massid.log import read_walk
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.plant import HiddenMasses, MassErrors, motorised, record_walk, sensors_of, truth_path, variant
-from massid.robot import Robot
 from massid.score import Truth
+from massid.search.parameters import Kind, ParameterSpace
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Walk
 from massid.walking.gait import DEFAULT_GAIT
 from massid.walking.morphology import torque_limits
 

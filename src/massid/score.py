@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from massid.errors import BadInputError, unknown_name
-from massid.identify.result import Result
+from massid.result.result import Result
 from massid.typing import FloatArray
 
 _SAME_NOMINAL = 1e-3

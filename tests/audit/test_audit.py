@@ -14,11 +14,11 @@ from massid.audit.balance import measure_balance
 from massid.audit.kinematics import check_kinematics
 from massid.audit.lag import estimate_lag
 from massid.audit.self_contact import without_samples
-from massid.log import Segment, Walk
-from massid.log.conventions import to_body
-from massid.noise import PRESETS, NoisePreset, Sensors
-from massid.robot import Robot
-from massid.unknowns import mass_space
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
+from massid.walk import Segment, Walk
+from massid.walk.conventions import to_body
+from massid.walk.noise import PRESETS, NoisePreset, Sensors
 from tests.conftest import Pushed
 from tests.pushed_robot import XML, draw_truth, make_robot, push_about
 

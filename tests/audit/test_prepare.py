@@ -13,10 +13,11 @@ from massid.audit import prepare_walk
 from massid.audit.limits import limit_suspicions
 from massid.identify import IdentifyOptions, identify_offline
 from massid.identify.sensing import resolve_noise
-from massid.log import Segment, Walk, WalkWriter
-from massid.log.refine import refined
-from massid.noise import PRESETS, Sensors
-from massid.robot import Robot
+from massid.log import WalkWriter
+from massid.model.robot import Robot
+from massid.walk import Segment, Walk
+from massid.walk.noise import PRESETS, Sensors
+from massid.walk.refine import refined
 from tests.conftest import Pushed
 
 

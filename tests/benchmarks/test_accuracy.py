@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from massid.assets import shipped_models
-from massid.parameters import Kind, Parameter, ParameterSpace
-from massid.robot import Robot
+from massid.model.robot import Robot
+from massid.search.parameters import Kind, Parameter, ParameterSpace
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 

@@ -17,9 +17,10 @@ import pytest
 from massid.assets import sample_walk
 from massid.cli import INTERRUPTED, main
 from massid.identify.options import IdentifyOptions, idle_options
-from massid.log import Walk, WalkWriter, read_walk
-from massid.robot import Robot
+from massid.log import WalkWriter, read_walk
+from massid.model.robot import Robot
 from massid.score import Truth
+from massid.walk import Walk
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, XML
 
@@ -238,7 +239,7 @@ def unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
     def foresee(*_: object) -> None:
         raise AssertionError("judged already")
 
-    monkeypatch.setattr("massid.identify.verdict.foresee", foresee)
+    monkeypatch.setattr("massid.judge.foresee.foresee", foresee)
 
 
 @pytest.mark.parametrize("mode", ["online", "offline"])

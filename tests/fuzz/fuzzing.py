@@ -12,7 +12,8 @@ import numpy as np
 from mcap.writer import CompressionType, Writer
 
 from massid.errors import LogError
-from massid.log import TopicMap, Walk, load_topics, preset_names, read_walk
+from massid.log import TopicMap, load_topics, preset_names, read_walk
+from massid.walk import Walk
 from tests.log.protobuf_samples import write_protobuf
 from tests.log.samples import JOINTS, ROOT, Foreign, Samples, make_samples, rotation, write_samples
 
@@ -232,7 +233,7 @@ def map_texts() -> list[str]:
     """Topic maps to damage: all presets."""
     from importlib import resources
 
-    folder = resources.files("massid.log") / "presets"
+    folder = resources.files("massid.log.topics") / "presets"
     return [(folder / f"{name}.yaml").read_text() for name in preset_names()]
 
 

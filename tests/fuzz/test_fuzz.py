@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from massid.errors import LogError
 from massid.log import load_topics
-from massid.log.cdr import CdrError, parse_schema, trace
-from massid.log.paths import PathError, find_paths
+from massid.log.messages.cdr import CdrError, parse_schema, trace
+from massid.log.messages.paths import PathError, find_paths
 from tests.fuzz.fuzzing import BAD, Seed, damage, damage_text, judge_log, judge_map, make_seeds, map_texts
 
 INPUTS = 60

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from massid.identify.averaging import REACHES_S, suitable_reach_s
-from massid.log.walk import Walk
-from massid.noise import PRESETS
+from massid.model.unknowns.spaces import mass_space
 from massid.observer.spans import REACH_S
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Walk
+from massid.walk.noise import PRESETS
 from tests.pushed_robot import LINKS, make_robot, push_about
 
 NOISE = PRESETS["white"]

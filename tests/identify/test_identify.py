@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError, LogError
-from massid.identify import IdentifyOptions, OnlineIdentifier, Status, identify_offline, identify_online
-from massid.identify.excitation import assess_excitation
-from massid.log.walk import Segment, Walk
-from massid.robot import Robot
+from massid.identify import IdentifyOptions, OnlineIdentifier, identify_offline, identify_online
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
+from massid.result import Status
+from massid.result.excitation import assess_excitation
 from massid.score import Truth, score, with_score
 from massid.search.guided import SearchOptions
-from massid.unknowns import mass_space
+from massid.walk import Segment, Walk
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
 

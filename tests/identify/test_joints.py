@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from massid.errors import ModelError
-from massid.identify import IdentifyOptions, Status, identify_offline
-from massid.identify.verdict import foresee
-from massid.log.walk import Walk
-from massid.noise import PRESETS, Sensors
-from massid.robot import Robot
+from massid.identify import IdentifyOptions, identify_offline
+from massid.judge.foresee import foresee
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space, parameter_space
+from massid.result import Status
 from massid.search.guided import enough_models
 from massid.typing import FloatArray
-from massid.unknowns import mass_space, parameter_space
+from massid.walk import Walk
+from massid.walk.noise import PRESETS, Sensors
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
 
 FRICTION_NM, DAMPING = 1.5, 0.8

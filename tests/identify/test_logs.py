@@ -9,12 +9,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from massid.errors import BadInputError
-from massid.identify import IdentifyOptions, Status, identify_offline, identify_online
+from massid.identify import IdentifyOptions, identify_offline, identify_online
 from massid.identify.logs import gather_logs, hand_over, join_spaces
-from massid.log.walk import Segment, Walk
-from massid.noise import PRESETS, Sensors
-from massid.parameters import ParameterSpace
+from massid.result import Status
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
+from massid.walk import Segment, Walk
+from massid.walk.noise import PRESETS, Sensors
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET
 

@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError
-from massid.identify import IdentifyOptions, Status, identify_offline, identify_online
+from massid.identify import IdentifyOptions, identify_offline, identify_online
 from massid.identify.assembly import assemble
 from massid.identify.sensing import estimate_white_noise, resolve_noise
-from massid.log.walk import Segment, Walk
-from massid.noise import PRESETS, SensorNoise, Sensors, rotate
+from massid.model.unknowns.spaces import mass_space
 from massid.observer.replay import replay_block
+from massid.result import Status
 from massid.search.monitoring import MonitoringFilter
 from massid.search.proposal import Proposal, Role
 from massid.search.quadratic import LocalQuadratic
-from massid.unknowns import mass_space
+from massid.walk import Segment, Walk
+from massid.walk.noise import PRESETS, SensorNoise, Sensors, rotate
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET, LINKS, cut, draw_truth, make_robot, push_about, stamped_late
 

@@ -10,12 +10,12 @@ import pytest
 from massid.errors import BadInputError
 from massid.identify import IdentifyOptions
 from massid.identify.online import OnlineIdentifier
-from massid.log.walk import Walk
-from massid.noise import PRESETS, Sensors
 from massid.observer.bank import RobotBank
 from massid.observer.replay import ReplayBlock
-from massid.parameters import ParameterSpace
 from massid.search.guided import SearchOptions
+from massid.search.parameters import ParameterSpace
+from massid.walk import Walk
+from massid.walk.noise import PRESETS, Sensors
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET, cut
 

@@ -8,10 +8,10 @@ import numpy as np
 
 from massid.identify import IdentifyOptions
 from massid.identify.sensing import estimate_white_noise, nuisances
-from massid.log.walk import Walk
-from massid.noise import PRESETS, Sensors
-from massid.parameters import Kind
+from massid.search.parameters import Kind
 from massid.typing import FloatArray
+from massid.walk import Walk
+from massid.walk.noise import PRESETS, Sensors
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET
 

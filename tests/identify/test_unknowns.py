@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError, ModelError
-from massid.identify import IdentifyOptions, Result, Status, identify_offline, identify_online
+from massid.identify import IdentifyOptions, identify_offline, identify_online
 from massid.identify.sensing import nuisances
-from massid.log.walk import Segment, Walk
-from massid.noise import PRESETS, Sensors
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space, parameter_space
 from massid.observer.bank import RobotBank
 from massid.observer.replay import replay_block
-from massid.parameters import Kind, ParameterSpace
-from massid.robot import Robot
+from massid.result import Result, Status
 from massid.search.guided import enough_models
+from massid.search.parameters import Kind, ParameterSpace
 from massid.typing import FloatArray
-from massid.unknowns import mass_space, parameter_space
+from massid.walk import Segment, Walk
+from massid.walk.noise import PRESETS, Sensors
 from tests.altered_robot import INERTIA_GAIN, PAYLOAD, PAYLOAD_KG, altered, moments
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
 

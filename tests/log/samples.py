@@ -12,7 +12,8 @@ from mcap.writer import CompressionType, Writer
 from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.typesys import Stores, get_typestore
 
-from massid.log import Walk, WalkWriter
+from massid.log import WalkWriter
+from massid.walk import Walk
 
 START_NS = 1_760_000_000_123_456_789
 STEP_NS = 1_000_000

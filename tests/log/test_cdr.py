@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from massid.log.cdr import CdrError, encode, parse_schema, trace
-from massid.log.schemas import JOINT_STATE, ODOMETRY, TYPE_HASHES, definition_text
+from massid.log.mcap.schemas import JOINT_STATE, ODOMETRY, TYPE_HASHES, definition_text
+from massid.log.messages.cdr import CdrError, encode, parse_schema, trace
 
 MIXED = """# every kind of field
 uint8 KIND=3

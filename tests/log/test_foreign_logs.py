@@ -7,8 +7,9 @@ import pytest
 from mcap.writer import CompressionType
 
 from massid.errors import LogError
-from massid.log import Segment, load_topics, read_walk
+from massid.log import load_topics, read_walk
 from massid.log.summary import summarise_log
+from massid.walk import Segment
 from tests.log.samples import JOINTS, START_NS, STEP_NS, TYPES, assert_same, make_samples
 
 N = 40

@@ -21,7 +21,8 @@ from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
 from massid.errors import LogError
-from massid.log import Segment, WalkWriter, read_walk
+from massid.log import WalkWriter, read_walk
+from massid.walk import Segment
 from tests.log.samples import (
     FEET,
     JOINTS,

@@ -4,15 +4,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from massid.log.walk import Segment
+from massid.model.realisation import Realisation, write_fields
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.observer.bank import RobotBank
 from massid.observer.injection import InertiaShapedInjection, InjectionGains
 from massid.observer.kernels import correct_state, state_difference
 from massid.observer.replay import ReplayBlock, replay_block, split
-from massid.realisation import Realisation, write_fields
-from massid.robot import Robot
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Segment
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about
 
@@ -136,7 +136,7 @@ def test_effort_offset_acts_on_the_torque_input(pushed: Pushed) -> None:
     """A torque sensor that reads 2 N m too much is explained by an offset of 2 N m."""
     from dataclasses import replace
 
-    from massid.parameters import Kind, Parameter, ParameterSpace
+    from massid.search.parameters import Kind, Parameter, ParameterSpace
 
     offset = Parameter(Kind.EFFORT_OFFSET, "l_knee", 0.0, -10.0, 10.0, scale=1.0)
     space = ParameterSpace((*pushed.space.parameters, offset))

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massid.noise import PRESETS, SensorNoise
 from massid.observer.contact_gate import is_unloaded
 from massid.observer.spans import Spans
 from massid.typing import FloatArray
+from massid.walk.noise import PRESETS, SensorNoise
 
 NOISE = PRESETS["realistic"]
 N = 2000

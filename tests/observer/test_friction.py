@@ -8,15 +8,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from massid.log.walk import Segment
-from massid.noise import PRESETS, Sensors
+from massid.model.realisation import write_fields
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.observer.friction import DOUBT_S, Friction, StickSlip
 from massid.observer.replay import ReplayBlock, replay_block
 from massid.observer.spans import Spans
-from massid.realisation import write_fields
-from massid.robot import Robot
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Segment
+from massid.walk.noise import PRESETS, Sensors
 from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about
 
 STRONG_NM, WEAK_NM = 3.0, 0.02

@@ -6,13 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from massid.log.walk import Segment
-from massid.noise import PRESETS, Sensors
+from massid.model.realisation import write_fields
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.observer.friction_demand import Demand, FrictionSolver
 from massid.observer.replay import ReplayBlock, replay_block
-from massid.realisation import write_fields
-from massid.robot import Robot
-from massid.unknowns import mass_space
+from massid.walk import Segment
+from massid.walk.noise import PRESETS, Sensors
 from tests.pushed_robot import FEET, LINKS, draw_truth, make_robot, push_about
 
 LOSS_NM = 3.0

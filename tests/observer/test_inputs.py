@@ -9,14 +9,14 @@ from itertools import pairwise, repeat
 import numpy as np
 import pytest
 
-from massid.log.walk import Segment, Walk
-from massid.noise import PRESETS, Sensors
+from massid.model.unknowns.spaces import mass_space
 from massid.observer.inputs import BelievedBlock, InputBelief, Motion
 from massid.observer.replay import ReplayBlock, replay_block
 from massid.observer.spans import Spans
-from massid.parameters import ALL, Kind, Parameter, ParameterSpace
+from massid.search.parameters import ALL, Kind, Parameter, ParameterSpace
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Segment, Walk
+from massid.walk.noise import PRESETS, Sensors
 from tests.pushed_robot import FEET, LINKS, make_robot, push_about
 
 NOISE = PRESETS["white"]

@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from massid.log.walk import Segment
-from massid.noise import PRESETS
 from massid.observer.inputs import UNLIMITED, BelievedBlock, InputBelief
 from massid.observer.linearisation import Lineariser
 from massid.observer.replay import replay_block
 from massid.typing import FloatArray
+from massid.walk import Segment
+from massid.walk.noise import PRESETS
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET, make_robot
 

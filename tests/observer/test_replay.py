@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from massid.log.walk import Segment
 from massid.observer.replay import ReplayBlock, SampleBuffer, replay_block
+from massid.walk import Segment
 from tests.conftest import Pushed
 
 

@@ -6,19 +6,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from massid.log.walk import Segment
-from massid.noise import PRESETS
+from massid.model.realisation import write_fields
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import parameter_space
 from massid.observer.bank import RobotBank
 from massid.observer.inputs import BelievedBlock, InputBelief
 from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
 from massid.observer.replay import replay_block
 from massid.observer.tangents import TangentFilter
-from massid.parameters import ALL, Kind, Parameter, ParameterSpace
-from massid.realisation import write_fields
-from massid.robot import Robot
+from massid.search.parameters import ALL, Kind, Parameter, ParameterSpace
 from massid.typing import FloatArray
-from massid.unknowns import parameter_space
+from massid.walk import Segment
+from massid.walk.noise import PRESETS
 from tests.conftest import Pushed
 
 CASES = [

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from massid.assets import shipped_models
-from massid.log import Walk
 from massid.log.reader import read_walk
+from massid.model.robot import Robot
 from massid.plant import RecordingReport, record_walk
-from massid.robot import Robot
+from massid.walk import Walk
 
 ATLAS = shipped_models()["atlas"]
 

@@ -5,12 +5,12 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from massid.log import Segment, Walk
+from massid.model.realisation import write_fields
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.observer.replay import replay_block
-from massid.realisation import write_fields
-from massid.robot import Robot
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Segment, Walk
 
 
 def velocity_errors(walk: Walk, robot: Robot, masses_kg: Mapping[str, float]) -> FloatArray:

@@ -9,9 +9,10 @@ import pytest
 
 from massid.assets import sample_walk
 from massid.errors import BadInputError
-from massid.log import Segment, Walk, read_walk, write_walk
-from massid.noise import PRESETS
+from massid.log import read_walk, write_walk
 from massid.plant import corrupt_log, truth_path
+from massid.walk import Segment, Walk
+from massid.walk.noise import PRESETS
 
 FIELDS = ("stamps_ns", "qpos", "qvel", "effort", "wrench")
 

@@ -10,8 +10,8 @@ import pytest
 
 from massid.assets import shipped_models
 from massid.errors import BadInputError, ModelError
+from massid.model.robot import Robot
 from massid.plant import HiddenMasses, Integrator, PlantOptions, make_environment, motorised, variant
-from massid.robot import Robot
 
 WORLD = """
 <mujoco model="desk">

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError, ModelError
+from massid.model.robot import WALKING_LINKS, Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.plant import HiddenMasses, MassErrors, default_links
-from massid.robot import WALKING_LINKS, Robot
-from massid.unknowns import mass_space
 from tests.plant.worlds import crab
 
 

@@ -8,9 +8,9 @@ import pytest
 import massid.plant.walk
 from massid.errors import BadInputError
 from massid.log.reader import read_walk
-from massid.model_file import file_sha256
+from massid.model.file import file_sha256
+from massid.model.robot import Robot
 from massid.plant import HiddenMasses, MassErrors, corrupt_log, record_walk
-from massid.robot import Robot
 from massid.walking import Walker
 from tests.plant.conftest import ATLAS, Walked, true_masses
 from tests.plant.replaying import nominal_kg, velocity_errors

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError, ModelError
-from massid.log import Walk
 from massid.log.reader import read_walk
+from massid.model.robot import Robot
 from massid.plant import HiddenMasses, Integrator, make_environment, record, variant
 from massid.plant.parts import RobotParts
-from massid.robot import Robot
+from massid.walk import Walk
 from tests.plant.replaying import nominal_kg, velocity_errors
 from tests.plant.worlds import RandomAgent, crab, drop_crab, suite, suite_humanoid
 

@@ -6,8 +6,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from massid.model.robot import Robot
 from massid.plant.backend import composer, mjcf
-from massid.robot import Robot
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")

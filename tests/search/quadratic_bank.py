@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.search.bank import OutputErrors
 from massid.search.guided import GuidedSearch, Iteration
 from massid.search.monitoring import Monitoring, MonitoringFilter
+from massid.search.parameters import Kind, Parameter, ParameterSpace
 from massid.search.proposal import Proposal
 from massid.typing import FloatArray
 

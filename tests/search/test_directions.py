@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError
-from massid.parameters import Kind, Parameter, ParameterSpace
 from massid.search.directions import (
     DIRECTIONS,
     AdamDirection,
@@ -23,6 +22,7 @@ from massid.search.directions import (
 from massid.search.guided import GuidedSearch, SearchOptions, SearchStatus
 from massid.search.line_search import LineSearch
 from massid.search.model_set import ModelSet
+from massid.search.parameters import Kind, Parameter, ParameterSpace
 from massid.search.proposal import Role
 from massid.search.quadratic import LocalQuadratic
 from massid.search.scan import scan_points, scanned_columns

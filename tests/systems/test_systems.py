@@ -129,7 +129,7 @@ def test_diverged_models_are_marked() -> None:
     def explosive(x: FloatArray, p: FloatArray, u: FloatArray, dx: FloatArray) -> None:
         dx[0] = p[0] * x[0] ** 3 + u[0]
 
-    from massid.parameters import ParameterSpace
+    from massid.search.parameters import ParameterSpace
     from massid.systems.system import coefficient
 
     space = ParameterSpace((coefficient("p", 0.0, -1e6, 1e6),))

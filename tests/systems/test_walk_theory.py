@@ -7,10 +7,10 @@ import pytest
 
 from massid.assets import resolve_model, sample_walk
 from massid.log import read_walk
+from massid.model.robot import Robot
 from massid.paper.walk_drift import LINK, RATE_KG_S, FillingAgent
 from massid.paper.walk_theory import WalkTheory
 from massid.plant import make_environment, truth_path
-from massid.robot import Robot
 from massid.score import Truth
 from massid.typing import FloatArray
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import pytest
 
 from massid.identify import IdentifyOptions, identify_offline, identify_online
-from massid.identify.result import Result
-from massid.log.walk import Walk
-from massid.robot import Robot
+from massid.model.robot import Robot
+from massid.result.result import Result
 from massid.score import Score, Truth, score
+from massid.walk import Walk
 from tests.conftest import Pushed
 
 

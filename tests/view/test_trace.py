@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from massid.identify.quantities import Quantity
-from massid.identify.result import Uncertainty
-from massid.noise import PRESETS
+from massid.result.quantities import Quantity
+from massid.result.result import Uncertainty
 from massid.score import Truth, score, with_score
 from massid.search.proposal import Role
 from massid.view.motion import sample_motion
 from massid.view.span import plot_end_s
 from massid.view.table import format_error, format_kg, table_markdown
 from massid.view.trace import Trace
+from massid.walk.noise import PRESETS
 from tests.view.conftest import Story
 
 

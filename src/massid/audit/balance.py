@@ -14,9 +14,9 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from massid.log.walk import Segment, Walk
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.typing import AnyArray, FloatArray, IntArray
+from massid.walk import Segment, Walk
 
 SMOOTHING_S = 0.02
 """Width of the window by which all terms are smoothed before they are compared: differences of noisy velocities."""

@@ -8,12 +8,12 @@ import mujoco
 import numpy as np
 
 from massid.audit.balance import Balance
-from massid.kinematics import body_rotations
-from massid.log.walk import Walk
-from massid.log.white_noise import white_level
-from massid.noise import PRESETS
-from massid.robot import Robot
+from massid.model.kinematics import body_rotations
+from massid.model.robot import Robot
 from massid.typing import FloatArray
+from massid.walk import Walk
+from massid.walk.noise import PRESETS
+from massid.walk.white_noise import white_level
 
 WEIGHT_RANGE = (0.6, 1.6)
 """Measured over nominal weight: beyond this it is not a mass error but another fault."""

@@ -14,12 +14,12 @@ import mujoco
 import numpy as np
 
 from massid.audit.balance import fitted_model, measure_balance
-from massid.log.conventions import to_body
-from massid.log.refine import refined
-from massid.log.walk import Walk
-from massid.log.white_noise import white_level
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.typing import FloatArray
+from massid.walk import Walk
+from massid.walk.conventions import to_body
+from massid.walk.refine import refined
+from massid.walk.white_noise import white_level
 
 FACTOR = 2
 """The state between samples is determined for two steps in a period only."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massid.log.conventions import to_body, to_world
-from massid.log.resampling import rotation_between
-from massid.log.walk import Walk
-from massid.log.white_noise import white_level
 from massid.typing import FloatArray
+from massid.walk import Walk
+from massid.walk.conventions import to_body, to_world
+from massid.walk.resampling import rotation_between
+from massid.walk.white_noise import white_level
 
 SPAN_S = 0.05
 MISMATCH = 0.3

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.optimize import minimize
 
 from massid.audit.balance import Balance, measure_balance
-from massid.log.walk import Walk
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.typing import FloatArray
+from massid.walk import Walk
 
 LARGEST_LAG_S = 0.025
 """Lags up to this are looked for."""

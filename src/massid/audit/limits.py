@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from massid.log.walk import Walk
-from massid.robot import Robot
+from massid.model.robot import Robot
+from massid.walk import Walk
 
 SLACK = 0.35
 """How far beyond a limit a position may be [rad or m]: soft limits and zero offsets of encoders."""

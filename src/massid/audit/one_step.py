@@ -8,9 +8,9 @@ import mujoco
 import numpy as np
 
 from massid.audit.balance import Balance, fitted_model
-from massid.log.walk import Walk
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.typing import FloatArray
+from massid.walk import Walk
 
 
 @dataclass(frozen=True)

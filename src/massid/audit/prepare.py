@@ -10,10 +10,11 @@ from pathlib import Path
 from massid.audit.inner_steps import FACTOR, with_inner_steps
 from massid.audit.report import Audit, audit_walk
 from massid.errors import BadInputError, LogError
-from massid.log import TopicMap, Walk, read_walk
-from massid.log.refine import refined
-from massid.log.white_noise import CLEAN_VELOCITY, white_level
-from massid.robot import Robot
+from massid.log import TopicMap, read_walk
+from massid.model.robot import Robot
+from massid.walk import Walk
+from massid.walk.refine import refined
+from massid.walk.white_noise import CLEAN_VELOCITY, white_level
 
 _MOST_STEPS = 10
 """A log this many times slower than the model's step is not refined any further."""

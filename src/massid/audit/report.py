@@ -11,8 +11,8 @@ from massid.audit.lag import Lag, estimate_lag, lag_margin
 from massid.audit.limits import limit_suspicions
 from massid.audit.one_step import OneStep, one_step_residual
 from massid.audit.self_contact import SelfContact, find_self_contact, self_contact_warnings, without_samples
-from massid.log.walk import Walk
-from massid.robot import Robot
+from massid.model.robot import Robot
+from massid.walk import Walk
 
 CLEAN_REST = 1e-6
 """Unexplained share of the force below which a log has no sensor noise."""

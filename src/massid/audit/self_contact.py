@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import mujoco
 import numpy as np
 
-from massid.log.walk import Segment, Walk
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.typing import BoolArray
+from massid.walk import Segment, Walk
 
 ALWAYS = 0.5
 """Links that overlap in more than this share of the samples do so in the model's geometry, whatever the robot does."""

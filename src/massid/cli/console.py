@@ -9,9 +9,9 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from massid.identify import Result
-from massid.identify.posterior import INTERVAL_95
 from massid.identify.progress import Progress as ProgressCallback
+from massid.result import Result
+from massid.result.posterior import INTERVAL_95
 from massid.score import Score
 
 OUT = Console(highlight=False)

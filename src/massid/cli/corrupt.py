@@ -8,8 +8,8 @@ from pathlib import Path
 import tyro
 
 from massid.errors import BadInputError
-from massid.noise import NoisePreset
 from massid.outputs import check_suffix
+from massid.walk.noise import NoisePreset
 
 
 @dataclass(frozen=True)

@@ -21,19 +21,19 @@ from massid.cli.arguments import (
 )
 from massid.errors import BadInputError, LogError
 from massid.identify.options import IdentifyOptions, idle_options
-from massid.identify.result import Status
-from massid.log.walk import Walk
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import parameter_space
 from massid.outputs import check_outputs, check_suffix
-from massid.parameters import Kind, ParameterSpace
-from massid.robot import Robot
+from massid.result.result import Status
 from massid.search.guided import check_bank_size, enough_models
+from massid.search.parameters import Kind, ParameterSpace
 from massid.search.scan import scanned_columns
-from massid.unknowns import parameter_space
+from massid.walk import Walk
 
 if TYPE_CHECKING:
     from massid.audit import Audit
-    from massid.identify import Result
-    from massid.identify.validation import Split
+    from massid.judge.validation import Split
+    from massid.result import Result
     from massid.score import Score
 
 EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVERGED: 4}
@@ -95,8 +95,8 @@ class Identify:
         from massid.cli.console import print_result, progress_bar, say, warn, warn_of_hidden
         from massid.identify import identify_offline, identify_online
         from massid.identify.sensing import resolve_noise
-        from massid.identify.validation import hold_out, validate
-        from massid.identify.verdict import foresee
+        from massid.judge.foresee import foresee
+        from massid.judge.validation import hold_out, validate
         from massid.log import TopicMap, load_topics, read_walk
         from massid.score import Truth, score
 
@@ -152,7 +152,7 @@ class Identify:
 
     def _check_files(self, model: Path | None) -> None:
         """Pass if all that was asked for can be written, and nothing that is read is lost by it."""
-        from massid.identify.sidecar import sidecar_path
+        from massid.result.sidecar import sidecar_path
 
         check_outputs(
             [
@@ -199,9 +199,9 @@ class Identify:
     ) -> None:
         """Write the result document and its sidecar, with the reference method beside it."""
         from massid.cli.console import say
-        from massid.identify.residuals import channel_residuals
-        from massid.identify.result import write_json
-        from massid.identify.sidecar import DIGEST, sidecar_path, write_sidecar
+        from massid.judge.residuals import channel_residuals
+        from massid.result.result import write_json
+        from massid.result.sidecar import DIGEST, sidecar_path, write_sidecar
         from massid.score import with_score
 
         if self.json is None:
@@ -257,7 +257,7 @@ class Identify:
 
 def reference_fit(result: Result, walk: Walk, robot: Robot) -> dict[str, Any] | None:
     """Filtered inverse-dynamics least squares on the same log with the same unknowns; None if the log is too short."""
-    from massid.baseline import CUTOFFS_HZ, scan_cutoffs, self_chosen
+    from massid.compare import CUTOFFS_HZ, scan_cutoffs, self_chosen
 
     space, _ = result.unknowns()
     cutoffs = [cutoff_hz for cutoff_hz in CUTOFFS_HZ if cutoff_hz < 0.25 / walk.timestep_s]

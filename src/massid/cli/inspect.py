@@ -10,15 +10,16 @@ import tyro
 
 from massid.assets import find_model_by_hash, resolve_model
 from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics, parse_names, topics_file
+from massid.model.unknowns.spaces import mass_space
 from massid.outputs import check_outputs
-from massid.unknowns import mass_space
 
 if TYPE_CHECKING:
     from massid.audit import Audit, Prepared
     from massid.cli.report_page import Page
-    from massid.log import LogSummary, Walk
-    from massid.parameters import ParameterSpace
-    from massid.robot import Robot
+    from massid.log import LogSummary
+    from massid.model.robot import Robot
+    from massid.search.parameters import ParameterSpace
+    from massid.walk import Walk
 
 _LEAST_LOAD = 0.05
 """Share of the weight below which the direction of the mean force means nothing."""
@@ -51,7 +52,7 @@ class Inspect:
         """Print, section by section."""
         from massid.cli.report_page import Page
         from massid.log import TopicMap, load_topics, summarise_log
-        from massid.robot import Robot
+        from massid.model.robot import Robot
 
         model = None if self.model is None else resolve_model(self.model)
         topics = load_topics(self.topics) if self.topics else TopicMap()
@@ -120,8 +121,8 @@ class Inspect:
         from massid.cli.console import progress_bar
         from massid.cli.identify import options_for
         from massid.identify import IdentifyOptions
-        from massid.identify.posterior import INTERVAL_95
-        from massid.identify.verdict import foresee
+        from massid.judge.foresee import foresee
+        from massid.result.posterior import INTERVAL_95
 
         robot, walk = prepared.robot, prepared.walk
         with progress_bar("judging") as progress:

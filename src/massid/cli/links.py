@@ -25,7 +25,7 @@ class Links:
         """Print one line per link."""
         from massid.assets import resolve_model
         from massid.cli.console import say
-        from massid.robot import Robot
+        from massid.model.robot import Robot
 
         robot = Robot.load(resolve_model(self.model))
         width = max(len(link) for link in robot.links)

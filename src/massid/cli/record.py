@@ -11,9 +11,9 @@ import tyro
 
 from massid.cli.arguments import MassErrorList, OptionalKg
 from massid.errors import BadInputError, FallError
-from massid.noise import NoisePreset
 from massid.outputs import check_outputs, check_suffix
 from massid.ranges import require_at_most, require_not_negative, require_positive
+from massid.walk.noise import NoisePreset
 
 if TYPE_CHECKING:
     from massid.plant import HiddenMasses, RecordingReport

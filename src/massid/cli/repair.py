@@ -52,7 +52,7 @@ class Repair:
     def _rewrite(self) -> int:
         from massid.cli.console import say, warn
         from massid.log import load_topics, read_walk, write_walk
-        from massid.log.sink import partial_path
+        from massid.log.mcap.sink import partial_path
 
         topics = load_topics(self.topics or "")
         check_outputs(

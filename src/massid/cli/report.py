@@ -31,7 +31,7 @@ class Report:
     def run(self) -> int:
         """Write the page and say where it is."""
         from massid.cli.console import say, warn
-        from massid.identify.sidecar import sidecar_path
+        from massid.result.sidecar import sidecar_path
         from massid.view.report import write_report
 
         page = self.out or self.result.with_suffix(".html")

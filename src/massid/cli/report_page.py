@@ -14,7 +14,7 @@ from massid.view.colours import LINK_COLOURS
 from massid.view.page import HtmlPage
 
 if TYPE_CHECKING:
-    from massid.log import Walk
+    from massid.walk import Walk
 
 _POINTS = 800
 _LINES = 6

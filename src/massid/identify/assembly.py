@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from massid.identify.options import IdentifyOptions
-from massid.noise import SensorNoise
+from massid.model.robot import Robot
 from massid.observer.bank import RobotBank
 from massid.observer.injection import InertiaShapedInjection, OutputInjection
 from massid.observer.inputs import InputBelief
@@ -15,9 +15,9 @@ from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
 from massid.observer.spans import REACH_S
 from massid.observer.tangents import TangentFilter
-from massid.parameters import Kind, ParameterSpace
-from massid.robot import Robot
+from massid.search.parameters import Kind, ParameterSpace
 from massid.search.quadratic import LocalQuadratic
+from massid.walk.noise import SensorNoise
 
 
 @dataclass(frozen=True)

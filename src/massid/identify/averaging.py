@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import correlate1d
 
-from massid.log.walk import Segment, Walk
-from massid.noise import SensorNoise
 from massid.observer.neighbours import slope
 from massid.observer.spans import REACH_S, Spans
 from massid.typing import FloatArray
+from massid.walk import Segment, Walk
+from massid.walk.noise import SensorNoise
 
 REACHES_S = (REACH_S, 0.04, 0.08, 0.16)
 """What is tried [s]; the first, which suits a walk, is the shortest that shares little noise with the output error."""

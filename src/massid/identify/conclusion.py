@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massid.identify.excitation import assess_excitation, from_deviations
-from massid.identify.posterior import LARGEST_INFLATION, posterior
-from massid.identify.quantities import describe, whole_shapes
-from massid.identify.result import Result, Status, Uncertainty, WindowResult
-from massid.noise import SensorNoise
-from massid.parameters import ParameterSpace
-from massid.robot import Robot
+from massid.model.robot import Robot
+from massid.result.excitation import assess_excitation, from_deviations
+from massid.result.posterior import LARGEST_INFLATION, posterior
+from massid.result.quantities import describe, whole_shapes
+from massid.result.result import Result, Status, Uncertainty, WindowResult
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
+from massid.walk.noise import SensorNoise
 
 LARGEST_REST = 1e-3
 """Share of the links' masses that may stay unexplained in a log without noise."""

@@ -10,12 +10,12 @@ import numpy as np
 from massid.errors import BadInputError
 from massid.identify.options import IdentifyOptions
 from massid.identify.sensing import resolve_noise, with_nuisances
-from massid.log.walk import Walk
-from massid.noise import SensorNoise
-from massid.parameters import ParameterSpace
-from massid.robot import Robot
+from massid.model.robot import Robot
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray, IntArray
+from massid.walk import Walk
+from massid.walk.noise import SensorNoise
 
 
 @dataclass(frozen=True)

@@ -17,18 +17,18 @@ from massid.identify.logs import Log, gather_logs, gather_warnings, join_spaces
 from massid.identify.online import BLOCK_STEPS
 from massid.identify.options import IdentifyOptions
 from massid.identify.progress import Progress, silent
-from massid.identify.result import Result, WindowResult
-from massid.log.walk import Segment, Walk
+from massid.model.robot import Robot
 from massid.observer.blas import single_threaded
 from massid.observer.replay import replay_block, split
 from massid.observer.spans import REACH_S, Spans
-from massid.parameters import ParameterSpace
-from massid.robot import Robot
+from massid.result.result import Result, WindowResult
 from massid.search.guided import GuidedSearch, Iteration, SearchStatus
 from massid.search.monitoring import Monitoring, MonitoringFilter
+from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import IntArray
+from massid.walk import Segment, Walk
 
 SETTLED_DECREASE = 0.02
 """A noisy log is solved when a step would lower -2 log-likelihood by less, a seventh of a standard deviation."""

@@ -13,21 +13,21 @@ from massid.identify.assembly import assemble
 from massid.identify.conclusion import Findings, LogFacts, conclude
 from massid.identify.logs import gather_logs, gather_warnings, hand_over, start_from
 from massid.identify.options import IdentifyOptions
-from massid.identify.posterior import ScoreScatter, posterior
 from massid.identify.progress import Progress, silent
-from massid.identify.result import Result, WindowResult
-from massid.log.walk import Sample, Walk
-from massid.noise import SensorNoise
+from massid.model.robot import Robot
 from massid.observer.blas import single_threaded
 from massid.observer.replay import SampleBuffer
 from massid.observer.spans import Spans
-from massid.parameters import ParameterSpace
-from massid.robot import Robot
+from massid.result.posterior import ScoreScatter, posterior
+from massid.result.result import Result, WindowResult
 from massid.search.directions import SECOND_ORDER
 from massid.search.guided import GuidedSearch, SearchStatus
 from massid.search.monitoring import MonitoringFilter
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
+from massid.walk import Sample, Walk
+from massid.walk.noise import SensorNoise
 
 BLOCK_STEPS = 50
 """Samples that are handed to the bank at a time."""

@@ -6,9 +6,9 @@ import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
-from massid.noise import NoisePreset, SensorNoise
 from massid.ranges import require_not_negative, require_positive
 from massid.search.guided import SearchOptions
+from massid.walk.noise import NoisePreset, SensorNoise
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,13 @@ import numpy as np
 from massid.audit.balance import measure_balance
 from massid.audit.one_step import one_step_residual
 from massid.identify.options import IdentifyOptions
-from massid.log.resampling import rotation_between
-from massid.log.walk import Walk
-from massid.log.white_noise import CLEAN_VELOCITY, white_level
-from massid.noise import PRESETS, SensorNoise
+from massid.model.robot import Robot
 from massid.observer.contact_gate import is_unloaded
-from massid.parameters import ALL, Kind, Parameter, ParameterSpace
-from massid.robot import Robot
+from massid.search.parameters import ALL, Kind, Parameter, ParameterSpace
+from massid.walk import Walk
+from massid.walk.noise import PRESETS, SensorNoise
+from massid.walk.resampling import rotation_between
+from massid.walk.white_noise import CLEAN_VELOCITY, white_level
 
 LEAST_SHARE = 0.01
 """Least noise of a state or a force in a log with noise, as a share of `white`."""

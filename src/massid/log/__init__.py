@@ -1,12 +1,11 @@
-"""Walks as immutable arrays, and the MCAP logs they are read from and written to. The only door to `mcap`."""
+"""The logs that walks are read from and written to: files, messages, topic maps, reader and writer."""
 
 from massid.log.reader import read_walk
 from massid.log.repair import Repair, repair_log
 from massid.log.rewrite import write_walk
 from massid.log.summary import LogSummary, TopicSummary, summarise_log
-from massid.log.topic_file import load_topics, preset_names
-from massid.log.topics import BaseMap, ContactMap, JointMap, Source, TextField, TopicMap
-from massid.log.walk import Sample, Segment, Walk
+from massid.log.topics.file import load_topics, preset_names
+from massid.log.topics.map import BaseMap, ContactMap, JointMap, Source, TextField, TopicMap
 from massid.log.writer import WalkWriter
 
 __all__ = [
@@ -15,13 +14,10 @@ __all__ = [
     "JointMap",
     "LogSummary",
     "Repair",
-    "Sample",
-    "Segment",
     "Source",
     "TextField",
     "TopicMap",
     "TopicSummary",
-    "Walk",
     "WalkWriter",
     "load_topics",
     "preset_names",

@@ -1,7 +1,7 @@
 """Bring the streams of a log onto one sequence of stamps, and say what had to be left out.
 
 Streams that share their stamps are matched sample by sample and no number changes. Others are put on the clock of one
-of them: see `massid.log.resampling`.
+of them: see `massid.walk.resampling`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from itertools import pairwise
 import numpy as np
 
 from massid.errors import LogError
-from massid.log.conventions import NANOSECONDS
-from massid.log.topics import Rate
-from massid.log.walk import Segment
+from massid.log.topics.map import Rate
 from massid.typing import IntArray
+from massid.walk import Segment
+from massid.walk.conventions import NANOSECONDS
 
 _GAP_PERIODS = 1.5
 _RATE_TOLERANCE = 0.05

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from massid.errors import LogError
-from massid.log.container import TopicInfo
-from massid.log.decoding import Block, Decoder, DecodingError, Unreadable, make_decoder
+from massid.log.mcap.container import TopicInfo
+from massid.log.messages.decoding import Block, Decoder, DecodingError, Unreadable, make_decoder
 from massid.typing import BoolArray, FloatArray, IntArray
 
 

@@ -11,15 +11,15 @@ import numpy as np
 from massid.errors import LogError, printable
 from massid.log.alignment import Alignment, Stream, align
 from massid.log.columns import TopicColumns
-from massid.log.container import NO_CHECKSUM, Contents, TopicInfo, read_messages
-from massid.log.conventions import LATEST_NS, NANOSECONDS
+from massid.log.mcap.container import NO_CHECKSUM, Contents, TopicInfo, read_messages
+from massid.log.mcap.schemas import JOINT_STATE as JOINT_STATE_TYPE
+from massid.log.mcap.schemas import ODOMETRY, WRENCH_STAMPED
 from massid.log.roles import Signal, read_base, read_contact, read_joints
-from massid.log.schemas import JOINT_STATE as JOINT_STATE_TYPE
-from massid.log.schemas import ODOMETRY, WRENCH_STAMPED
-from massid.log.topics import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
-from massid.log.walk import Walk
+from massid.log.topics.map import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
 from massid.log.writer import COMPLETE, METADATA_NAME
 from massid.typing import FloatArray
+from massid.walk import Walk
+from massid.walk.conventions import LATEST_NS, NANOSECONDS
 
 _TYPES = {BASE_STATE: ODOMETRY, JOINT_STATE: JOINT_STATE_TYPE, WRENCH: WRENCH_STAMPED}
 

@@ -11,8 +11,8 @@ from mcap.exceptions import McapError
 from mcap.writer import CompressionType, Writer
 
 from massid.errors import LogError
-from massid.log.container import MESSAGE_HEAD, TopicInfo, read_messages
-from massid.log.sink import CHUNK_BYTES
+from massid.log.mcap.container import MESSAGE_HEAD, TopicInfo, read_messages
+from massid.log.mcap.sink import CHUNK_BYTES
 from massid.outputs import check_outputs
 
 _HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time

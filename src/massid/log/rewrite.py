@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from massid.errors import LogError
-from massid.log.walk import Walk
 from massid.log.writer import COMPLETE, RESERVED_METADATA, WalkWriter
+from massid.walk import Walk
 
 
 def write_walk(walk: Walk, path: Path | str, metadata: Mapping[str, str] | None = None) -> Path:

@@ -10,12 +10,12 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from massid.errors import LogError
-from massid.log import resampling
 from massid.log.alignment import Alignment
 from massid.log.columns import TopicColumns
-from massid.log.conventions import rpy_to_wxyz, to_body, to_world, xyzw_to_wxyz
-from massid.log.topics import BASE_STATE, JOINT_STATE, BaseMap, ContactMap, Frame, JointMap, On, Order, TextField
+from massid.log.topics.map import BASE_STATE, JOINT_STATE, BaseMap, ContactMap, Frame, JointMap, On, Order, TextField
 from massid.typing import FloatArray, IntArray
+from massid.walk import resampling
+from massid.walk.conventions import rpy_to_wxyz, to_body, to_world, xyzw_to_wxyz
 
 _EXACT_NORM = 1e-6  # farther from 1 than a float32 quaternion gets: normalised, and said
 _LARGEST = 1e100  # its square is still a number

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from massid.log.container import TopicInfo, read_messages
-from massid.log.conventions import LATEST_NS, NANOSECONDS
+from massid.log.mcap.container import TopicInfo, read_messages
 from massid.typing import IntArray
+from massid.walk.conventions import LATEST_NS, NANOSECONDS
 
 _LOG_TIME = struct.Struct("<6xQ")
 _GAP_PERIODS = 1.5

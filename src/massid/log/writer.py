@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from massid.errors import LogError
-from massid.log.conventions import NANOSECONDS, to_body, wxyz_to_xyzw
-from massid.log.schemas import JOINT_STATE, ODOMETRY, WRENCH_STAMPED
-from massid.log.sink import CHUNK_BYTES, McapSink, Topic
-from massid.log.topics import contact_topic
+from massid.log.mcap.schemas import JOINT_STATE, ODOMETRY, WRENCH_STAMPED
+from massid.log.mcap.sink import CHUNK_BYTES, McapSink, Topic
+from massid.log.topics.map import contact_topic
 from massid.typing import AnyArray, FloatArray, IntArray
+from massid.walk.conventions import NANOSECONDS, to_body, wxyz_to_xyzw
 
 METADATA_NAME = "massid"
 COMPLETE = "complete"

@@ -7,15 +7,15 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
+from massid.model.realisation import SensorErrors
+from massid.model.robot import Robot
 from massid.observer.engine import BatchEngine
 from massid.observer.injection import InertiaShapedInjection, OutputInjection
 from massid.observer.inputs import BelievedBlock
 from massid.observer.kernels import correct_state, state_difference
 from massid.observer.replay import ReplayBlock
-from massid.parameters import ParameterSpace
-from massid.realisation import SensorErrors
-from massid.robot import Robot
 from massid.search.bank import OutputErrors
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray, IntArray
 
 

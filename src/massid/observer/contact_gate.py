@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from massid.noise import SensorNoise
 from massid.observer.spans import Spans
 from massid.typing import BoolArray, FloatArray
+from massid.walk.noise import SensorNoise
 
 _OF_NOISE, _OF_OFFSET = 4.5, 3.0
 """Deviations that are allowed, of averaged noise and of the offset: noise is new in every sample and has many chances

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from massid.realisation import Realisation
+from massid.model.realisation import Realisation
 from massid.typing import BoolArray, FloatArray
 
 _BAD_STATE = [

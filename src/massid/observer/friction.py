@@ -18,12 +18,12 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.stats import norm
 
-from massid.layout import JointLayout
-from massid.noise import SensorNoise
+from massid.model.layout import JointLayout
+from massid.model.realisation import Realisation, write_fields
 from massid.observer.friction_demand import Demand, FrictionSolver
 from massid.observer.spans import Spans
-from massid.realisation import Realisation, write_fields
 from massid.typing import BoolArray, FloatArray
+from massid.walk.noise import SensorNoise
 
 DOUBT_S = 0.2
 """How long a joint's friction is taken to be wrong by the same amount [s]."""

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from massid.layout import JointLayout
-from massid.noise import SensorNoise
+from massid.model.layout import JointLayout
 from massid.typing import FloatArray, IntArray
+from massid.walk.noise import SensorNoise
 
 _HOLD_STEPS = 10
 """Samples for which the effect of noise is kept: it changes as slowly as the posture."""

@@ -13,9 +13,9 @@ from typing import ClassVar, Protocol
 import mujoco
 import numpy as np
 
+from massid.model.realisation import Realisation
 from massid.observer.inputs import BelievedBlock
 from massid.observer.replay import ReplayBlock
-from massid.realisation import Realisation
 from massid.typing import FloatArray
 
 

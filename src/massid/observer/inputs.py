@@ -15,15 +15,15 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from massid.layout import JointLayout
-from massid.noise import SensorNoise
+from massid.model.layout import JointLayout
+from massid.model.realisation import Realisation, SensorErrors
 from massid.observer.contact_gate import is_unloaded
 from massid.observer.friction import Friction, StickSlip
 from massid.observer.neighbours import level, slope
 from massid.observer.replay import ReplayBlock
 from massid.observer.spans import REACH_S, Spans
-from massid.realisation import Realisation, SensorErrors
 from massid.typing import FloatArray
+from massid.walk.noise import SensorNoise
 
 UNLIMITED = 1e9
 """Friction loss of a joint that sticks, whatever that takes [N m or N]."""

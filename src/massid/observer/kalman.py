@@ -17,15 +17,15 @@ import numpy as np
 from scipy.linalg import lapack
 
 from massid.errors import BadInputError
-from massid.layout import JointLayout
-from massid.noise import SensorNoise
+from massid.model.layout import JointLayout
+from massid.model.realisation import Realisation
 from massid.observer.injection import InjectionGains
 from massid.observer.inputs import BelievedBlock, InputBelief
 from massid.observer.linearisation import Lineariser, StepLinearisation
 from massid.observer.replay import ReplayBlock
 from massid.observer.tangents import TangentFilter
-from massid.realisation import Realisation
 from massid.typing import FloatArray
+from massid.walk.noise import SensorNoise
 
 
 class KalmanInjection:

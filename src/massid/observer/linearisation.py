@@ -8,10 +8,10 @@ import mujoco
 import numpy as np
 from numba import njit
 
-from massid.inertia import spatial_inertia
-from massid.layout import JointLayout
+from massid.model.inertia import spatial_inertia
+from massid.model.layout import JointLayout
+from massid.model.realisation import Realisation, write_fields
 from massid.observer.inputs import BelievedBlock
-from massid.realisation import Realisation, write_fields
 from massid.typing import FloatArray, IntArray
 
 FINITE_DIFFERENCE = 1e-6

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massid.layout import JointLayout
-from massid.log.walk import Sample, Segment, Walk
+from massid.model.layout import JointLayout
 from massid.typing import FloatArray
+from massid.walk import Sample, Segment, Walk
 
 
 @dataclass(frozen=True)

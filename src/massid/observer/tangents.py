@@ -11,10 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from massid.model.robot import Robot
 from massid.observer.inputs import BelievedBlock
 from massid.observer.linearisation import Lineariser, StepLinearisation
-from massid.parameters import Kind, Parameter
-from massid.robot import Robot
+from massid.search.parameters import Kind, Parameter
 from massid.typing import FloatArray, IntArray
 
 

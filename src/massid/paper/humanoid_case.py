@@ -11,18 +11,18 @@ from massid.assets import resolve_model, sample_walk
 from massid.errors import FallError
 from massid.identify import IdentifyOptions, identify_online
 from massid.log import read_walk
-from massid.log.walk import Walk
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.paper.recorded import Check
 from massid.paper.setting import DIRECTION_NAMES, Progress, silent
 from massid.paper.walk_drift import WalkDrift, run_walk_drift
 from massid.paper.walk_theory import WalkTheory
 from massid.plant import record_walk, truth_path
-from massid.robot import Robot
 from massid.score import Truth, score
 from massid.search.directions import DirectionName
 from massid.search.guided import SearchOptions
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Walk
 
 THRESHOLD_KG = 0.5
 

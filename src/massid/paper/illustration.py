@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from massid.paper.setting import TIMESTEP_S
-from massid.parameters import ParameterSpace
 from massid.search.guided import GuidedSearch, Iteration, SearchOptions
+from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal, Role
 from massid.systems import non_affine
 from massid.systems.bank import SystemBank

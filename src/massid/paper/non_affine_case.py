@@ -28,10 +28,10 @@ from massid.paper.setting import (
     random_starts,
     silent,
 )
-from massid.parameters import ParameterSpace
 from massid.search.directions import SECOND_ORDER, DirectionName
 from massid.search.guided import GuidedSearch, SearchOptions
 from massid.search.monitoring import Monitoring
+from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal, Role
 from massid.systems import non_affine
 from massid.systems.bank import SystemBank

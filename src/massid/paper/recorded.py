@@ -8,10 +8,10 @@ from typing import Generic
 
 import numpy as np
 
-from massid.parameters import ParameterSpace
 from massid.search.bank import Bank
 from massid.search.guided import GuidedSearch, Iteration, SearchOptions
 from massid.search.monitoring import Monitoring
+from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal, Role
 from massid.search.quadratic import LocalQuadratic
 from massid.systems.offline import run_offline, score_blocks

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from massid.errors import BadInputError
-from massid.identify.result import write_json
 from massid.observer.blas import single_threaded
 from massid.paper import figures, more_figures
 from massid.paper.affine_case import AffineCase, run_affine_case
@@ -20,6 +19,7 @@ from massid.paper.non_affine_case import NonAffineCase, first_below, run_non_aff
 from massid.paper.recorded import Check
 from massid.paper.setting import Progress, silent
 from massid.paper.theory import CHECKS
+from massid.result.result import write_json
 from massid.systems import non_affine
 
 Part: TypeAlias = Literal["A", "B", "C", "D"]

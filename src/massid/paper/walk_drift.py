@@ -14,11 +14,11 @@ import numpy as np
 from massid.errors import FallError
 from massid.identify import IdentifyOptions, identify_offline, identify_online
 from massid.log import read_walk
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.paper.setting import Progress, silent
 from massid.plant import PlantOptions, WalkerAgent, make_environment, motorised, record
-from massid.robot import Robot
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
 from massid.walking import Walker, find_gait
 
 LINK = "torso"

@@ -14,15 +14,15 @@ import numpy as np
 
 from massid.identify import IdentifyOptions
 from massid.identify.assembly import assemble
-from massid.log.walk import Walk
-from massid.noise import PRESETS, Sensors
+from massid.model.robot import Robot
+from massid.model.unknowns.spaces import mass_space
 from massid.observer.bank import RobotBank
 from massid.observer.replay import ReplayBlock, replay_block
 from massid.paper.recorded import Check, Recorded, growth_of_mu, offline_rate, order_of_change
 from massid.paper.setting import Progress, silent
-from massid.robot import Robot
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
+from massid.walk import Walk
+from massid.walk.noise import PRESETS, Sensors
 
 Windows: TypeAlias = Recorded[ReplayBlock]
 

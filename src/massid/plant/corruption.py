@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from massid.errors import BadInputError, unknown_name
-from massid.log import Walk, read_walk, write_walk
-from massid.log.sink import partial_path
-from massid.noise import PRESETS, NoisePreset, Sensors
+from massid.log import read_walk, write_walk
+from massid.log.mcap.sink import partial_path
 from massid.outputs import check_outputs
 from massid.plant.truth import save_truth, truth_path
+from massid.walk import Walk
+from massid.walk.noise import PRESETS, NoisePreset, Sensors
 
 SIMULATED_NOISE = "simulated"
 """What a log says of its sensor noise: which noise it was, only the truth file knows."""

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from massid.errors import ModelError, unknown_name
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.walking.morphology import torque_limits
 
 

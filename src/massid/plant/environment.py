@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from massid.errors import BadInputError
+from massid.model.robot import Robot
 from massid.plant.backend import composer
 from massid.plant.embodiment import motorised
 from massid.plant.humanoid import Floor, Humanoid
 from massid.plant.masses import HiddenMasses
-from massid.robot import Robot
 from massid.typing import FloatArray
 
 

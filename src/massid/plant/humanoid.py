@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 
 from massid.errors import ModelError, unknown_name
+from massid.model.robot import Robot
 from massid.plant.backend import composer, mjcf, observable
 from massid.plant.contacts import LoadCells
 from massid.plant.parts import RobotParts
 from massid.plant.transplant import transplant
-from massid.robot import Robot
 from massid.typing import FloatArray
 
 _FLOOR_HALF_SIZE_M = 30.0

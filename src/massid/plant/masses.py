@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.parameters import ParameterSpace
-from massid.robot import WALKING_LINKS, Robot
+from massid.model.robot import WALKING_LINKS, Robot
+from massid.model.unknowns.spaces import mass_space
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
-from massid.unknowns import mass_space
 
 PAPER_ROBOT, PAPER_NORM_KG = "atlas", 6.0
 """The paper's full-scale humanoid and its initial error; other robots get a quarter of the norm of their masses."""

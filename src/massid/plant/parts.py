@@ -12,8 +12,8 @@ import mujoco
 import numpy as np
 
 from massid.errors import ModelError, unknown_name
-from massid.log.conventions import to_body, to_world
 from massid.typing import FloatArray, IntArray
+from massid.walk.conventions import to_body, to_world
 
 _SEPARATOR = "/"
 

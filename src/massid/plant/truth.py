@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from massid.errors import BadInputError
+from massid.model.robot import Robot
 from massid.plant.masses import HiddenMasses
-from massid.robot import Robot
 
 
 def truth_path(log_path: Path) -> Path:

@@ -10,16 +10,16 @@ from typing import Any
 import dm_env
 import numpy as np
 
-from massid.model_file import file_sha256
-from massid.noise import NoisePreset
+from massid.model.file import file_sha256
+from massid.model.robot import Robot
 from massid.plant.corruption import check_noise, corrupt_log
 from massid.plant.embodiment import motorised
 from massid.plant.environment import PlantOptions, make_environment
 from massid.plant.masses import HiddenMasses, MassErrors
 from massid.plant.recorder import Progress, record
 from massid.plant.truth import truth_path, write_truth
-from massid.robot import Robot
 from massid.typing import FloatArray
+from massid.walk.noise import NoisePreset
 from massid.walking import Gait, Walker, find_gait
 
 FELL = "fell"

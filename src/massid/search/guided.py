@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.parameters import ParameterSpace
 from massid.ranges import OptionError, require_not_negative, require_positive
 from massid.search.directions import DIRECTIONS, SECOND_ORDER, DirectionName, GaussNewtonDirection
 from massid.search.gradient import GradientEstimator, estimate_gradient
 from massid.search.line_search import LineSearch
 from massid.search.model_set import ModelSet
 from massid.search.monitoring import Monitoring
+from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal
 from massid.search.quadratic import LocalQuadratic
 from massid.search.sampling import Sampling, sample_locally

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from massid.parameters import ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
 
 BORDER_DAMPING = 0.7

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from massid.errors import BadInputError, unknown_name
-from massid.parameters import ParameterSpace
 from massid.search.directions.box import box_minimum
 from massid.search.monitoring import Monitoring
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray, IntArray
 

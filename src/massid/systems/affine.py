@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from massid.parameters import ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.systems.plant import Controller, Plant
 from massid.systems.system import System, coefficient
 from massid.typing import FloatArray

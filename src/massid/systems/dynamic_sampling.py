@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.parameters import ParameterSpace
 from massid.search.guided import Iteration
 from massid.search.monitoring import Monitoring
+from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal, Role
 from massid.typing import FloatArray
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.parameters import ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.systems.plant import Controller, Disturbance, Plant
 from massid.systems.system import System, coefficient
 from massid.typing import FloatArray

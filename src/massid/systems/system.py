@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.parameters import Kind, Parameter, ParameterSpace
+from massid.search.parameters import Kind, Parameter, ParameterSpace
 from massid.systems.kernels import compiled
 from massid.typing import FloatArray, IntArray
 

@@ -6,7 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.search.proposal import Role
 from massid.view.motion import Motion
 from massid.view.names import FORCES, HEADLINE, ITERATION, SCALE, SIM_TIME, TABLE, TARGET, WORLD

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from massid.log.walk import Walk
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.typing import FloatArray
 from massid.view.shapes import body_mesh, shown_geoms
+from massid.walk import Walk
 
 FRAME_RATE_HZ = 50.0
 LIGHT_CONTACT = 0.02

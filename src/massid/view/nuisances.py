@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from massid.identify.posterior import INTERVAL_95
+from massid.result.posterior import INTERVAL_95
 from massid.view.chart import Chart
 from massid.view.page import HtmlPage
 

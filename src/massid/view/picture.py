@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.identify.result import Result, Status
-from massid.log.walk import Walk
-from massid.robot import Robot
+from massid.model.robot import Robot
+from massid.result.result import Result, Status
 from massid.score import Score
 from massid.search.proposal import Role
 from massid.typing import FloatArray
@@ -20,6 +19,7 @@ from massid.view.render import Shot, render_shots
 from massid.view.span import plot_end_s
 from massid.view.table import format_kg
 from massid.view.trace import FLOOR_KG, Trace
+from massid.walk import Walk
 
 WIDTH_IN, PLOTS_HEIGHT_IN, ROBOT_HEIGHT_IN, TITLE_HEIGHT_IN = 12.0, 6.6, 3.9, 0.7
 DPI = 150

@@ -15,9 +15,8 @@ import numpy as np
 import rerun as rr
 
 from massid.errors import BadInputError
-from massid.identify.result import Result
-from massid.log.walk import Walk
-from massid.robot import Robot
+from massid.model.robot import Robot
+from massid.result.result import Result
 from massid.score import Score
 from massid.search.proposal import Role
 from massid.typing import AnyArray, FloatArray
@@ -43,6 +42,7 @@ from massid.view.names import (
 from massid.view.shapes import body_mesh
 from massid.view.table import table_markdown
 from massid.view.trace import FLOOR_KG, Trace
+from massid.walk import Walk
 
 FORCE_LENGTH, FORCE_RADIUS = 0.28, 0.009
 """Size of the arrow of a force as large as the robot's weight, in heights of the robot."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from massid.robot import Robot
+from massid.model.robot import Robot
 from massid.typing import AnyArray, FloatArray
 from massid.view import colours
 from massid.view.shapes import shown_geoms

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from massid.identify.posterior import INTERVAL_95
-from massid.identify.sidecar import read_result
+from massid.result.posterior import INTERVAL_95
+from massid.result.sidecar import read_result
 from massid.typing import AnyArray, FloatArray
 from massid.view.chart import Chart
 from massid.view.colours import LINK_COLOURS

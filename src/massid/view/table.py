@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from massid.identify.posterior import INTERVAL_95
-from massid.identify.quantities import Quantity
-from massid.identify.result import Result
+from massid.result.posterior import INTERVAL_95
+from massid.result.quantities import Quantity
+from massid.result.result import Result
 from massid.score import Score
 from massid.view.trace import Trace
 

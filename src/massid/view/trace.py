@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from massid.identify.posterior import INTERVAL_95
-from massid.identify.result import Result, WindowResult
-from massid.parameters import Kind
+from massid.result.posterior import INTERVAL_95
+from massid.result.result import Result, WindowResult
 from massid.score import Score
+from massid.search.parameters import Kind
 from massid.search.proposal import Role
 from massid.typing import BoolArray, FloatArray, IntArray
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Literal, Protocol, TypeAlias
 
-from massid.parameters import ParameterSpace
 from massid.search.directions.adam import AdamDirection
 from massid.search.directions.bfgs import BfgsDirection
 from massid.search.directions.box import box_minimum
@@ -18,6 +17,7 @@ from massid.search.directions.gradient import GradientDirection
 from massid.search.directions.heavy_ball import HeavyBallDirection
 from massid.search.directions.levenberg_marquardt import LevenbergMarquardtDirection
 from massid.search.directions.metric import Metric
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 

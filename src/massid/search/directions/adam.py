@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from massid.parameters import ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 

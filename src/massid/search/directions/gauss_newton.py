@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from massid.parameters import ParameterSpace
 from massid.search.directions.box import box_minimum
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from massid.parameters import ParameterSpace
 from massid.search.directions.metric import Metric, exact_step_size, largest_curvature, metric_weight
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 

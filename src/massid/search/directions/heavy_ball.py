@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from massid.parameters import ParameterSpace
 from massid.search.directions.metric import Metric, largest_curvature, metric_weight
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from massid.parameters import ParameterSpace
 from massid.search.directions.box import box_minimum
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 

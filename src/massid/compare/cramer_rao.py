@@ -1,0 +1,291 @@
+"""The Cramer-Rao bound: how well any unbiased estimator could weigh the links from a log with this noise.
+
+Computed from the noise-free walk of the simulated plant at its true masses, by finite differences of the engine's step;
+there is no estimator in it. States are measured with white noise; joint torques and contact wrenches are inputs that
+are read with white noise and slow errors. The error of the state then follows a linear system driven by that noise,
+whose information about the masses is exact (`SensitivityRecursion`). A prior counts as one more measurement.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from massid.compare.sensitivity import SensitivityRecursion
+from massid.errors import BadInputError
+from massid.model.realisation import write_fields
+from massid.model.robot import Robot
+from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.typing import BoolArray, FloatArray
+from massid.walk import Walk
+from massid.walk.noise import SensorNoise
+
+STATE_STEP = 1e-6
+"""Finite difference of states and wrenches [rad, m, N, N m]."""
+EFFORT_STEP = 1e-3
+"""Finite difference of joint torques [N m]; the step is linear in them."""
+BODY_STEP = 1e-4
+"""Finite difference of what changes a body, relative to its scale."""
+HOLD_STEPS = 5
+"""Samples over which a linearisation is kept."""
+
+_ON_INPUTS = (Kind.EFFORT_OFFSET, Kind.EFFORT_GAIN, Kind.WRENCH_OFFSET, Kind.WRENCH_GAIN)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Smallest covariance of an unbiased estimate.
+
+    Attributes:
+        space: the unknowns and what is believed of them; those asked for come first.
+        covariance: in the parameters' units, shape (n_p, n_p).
+        gated: whether it was taken as known that the wrench on a foot in the air is zero.
+    """
+
+    space: ParameterSpace
+    covariance: FloatArray
+    gated: bool
+
+    @property
+    def std(self) -> FloatArray:
+        """Of the parameters that were asked for, shape (n_asked,)."""
+        return np.sqrt(np.diagonal(self.covariance)[: self._asked])
+
+    @property
+    def l2(self) -> float:
+        """Root mean square L2 error of the parameters that were asked for."""
+        return float(np.linalg.norm(self.std))
+
+    @property
+    def problem(self) -> str:
+        """The unknowns by number and kind, with the widths of their priors."""
+        counts = Counter((p.kind, p.requested, _width(p.prior_std, p.nominal)) for p in self.space.parameters)
+        return ", ".join(
+            f"{count} {kind}{'' if asked else ' (other)'}{width}" for (kind, asked, width), count in counts.items()
+        )
+
+    @property
+    def _asked(self) -> int:
+        return sum(parameter.requested for parameter in self.space.parameters)
+
+
+def _width(prior_std: float | None, nominal: float) -> str:
+    if prior_std is None:
+        return ""
+    return f" +-{100.0 * prior_std / nominal:.2g} %" if nominal else f" +-{prior_std:.2g}"
+
+
+def cramer_rao(
+    walk: Walk,
+    robot: Robot,
+    space: ParameterSpace,
+    truth: FloatArray,
+    noise: SensorNoise,
+    *,
+    gate: bool = True,
+    hold_steps: int = HOLD_STEPS,
+) -> Bound:
+    """Bound the covariance of the parameters.
+
+    Args:
+        walk: without noise.
+        robot: the robot with nominal masses.
+        space: the unknowns and their priors; of bodies and slow errors of the sensors.
+        truth: of bodies, and anything for the others, shape (n_p,).
+        noise: white noise of the sensors; their slow errors are unknowns of the space.
+        gate: take it as known that the wrench on a foot in the air is zero. Its sensor then shows its own offset there.
+            Otherwise that foot's wrench is as uncertain as when it is loaded.
+        hold_steps: samples over which a linearisation is kept.
+
+    Raises:
+        BadInputError: a measured state has no noise, a parameter is not a mass or a slow error, or the walk and the
+            priors leave a combination of the unknowns entirely open.
+        LogError: the walk does not match the robot.
+    """
+    walk = robot.align(walk)
+    plant = _Plant(robot, space, truth, walk.contact_bodies, walk.timestep_s)
+    std = noise.state_std(len(robot.joint_names))
+    if not np.all(std > 0.0):
+        raise BadInputError("Without noise on every measured state there is nothing to bound: masses are then exact.")
+    n_v = 6 + len(robot.joint_names)
+    order = robot.layout.to_qvel
+    variance = np.concatenate([order(std[:n_v] ** 2), order(std[n_v:] ** 2)])
+    recursion = SensitivityRecursion(plant.from_output(), variance)
+    rates = _rates(walk)
+    loaded = np.asarray(walk.wrench.any(axis=2)) | (not gate)
+    for segment in walk.segments:
+        recursion.restart()
+        for k in range(segment.start, segment.stop - 1):
+            if (k - segment.start) % hold_steps == 0:
+                plant.linearise(walk, k)
+            recursion.step(
+                plant.transition, plant.process_noise(noise, loaded[k]), plant.effects(walk, k, loaded[k], rates[k])
+            )
+    information = recursion.information + np.diag(space.prior_precision)
+    if gate:
+        information += np.diag(_shown_in_the_air(space, walk, loaded, noise))
+    return Bound(space, _inverse(information), gate)
+
+
+def _rates(walk: Walk) -> FloatArray:
+    """Slopes of joint torques and wrenches, shape (n, n_inputs) [per s]; zero where a segment has no slope."""
+    inputs = np.hstack([walk.effort, walk.wrench.reshape(len(walk), -1)])
+    out = np.zeros_like(inputs)
+    for segment in walk.segments:
+        rows = slice(segment.start, segment.stop)
+        if len(segment) > 1:
+            out[rows] = np.gradient(inputs[rows], walk.timestep_s, axis=0)
+    return out
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    scale = np.sqrt(np.maximum(np.diagonal(information), np.finfo(float).tiny))
+    try:
+        factor = np.linalg.inv(np.linalg.cholesky(information / np.outer(scale, scale))) / scale
+    except np.linalg.LinAlgError as error:
+        raise BadInputError(
+            "The walk and the priors do not bound every unknown: name fewer links, or give the other unknowns a prior."
+        ) from error
+    return np.asarray(factor.T @ factor)
+
+
+def _shown_in_the_air(space: ParameterSpace, walk: Walk, loaded: BoolArray, noise: SensorNoise) -> FloatArray:
+    """Information about wrench offsets from readings of sensors that carry nothing, shape (n_p,)."""
+    variance = noise.wrench_std() ** 2
+    out = np.zeros(len(space))
+    for column, parameter in enumerate(space.parameters):
+        if parameter.kind is Kind.WRENCH_OFFSET:
+            body, _, axis = parameter.target.rpartition("/")
+            unloaded = np.count_nonzero(~loaded[:, walk.contact_bodies.index(body)])
+            out[column] = unloaded / variance[int(axis)]
+    return out
+
+
+class _Plant:
+    """The engine's step at the true masses, contacts off and wrenches applied in the feet's frames, linearised.
+
+    Attributes:
+        transition: A, shape (2 nv, 2 nv).
+    """
+
+    def __init__(
+        self, robot: Robot, space: ParameterSpace, truth: FloatArray, contact_bodies: tuple[str, ...], timestep_s: float
+    ) -> None:
+        self._robot, self._space, self._bodies = robot, space, contact_bodies
+        self._inertial = [k for k, parameter in enumerate(space.parameters) if parameter.is_inertial]
+        self._body_steps = BODY_STEP * space.scale[self._inertial]
+        known = (Kind.ENCODER_OFFSET, Kind.EFFORT_LAG, Kind.WRENCH_LAG, *_ON_INPUTS)
+        unknown = [p.name for p in space.parameters if not p.is_inertial and p.kind not in known]
+        if unknown:
+            raise BadInputError(
+                f"There is no bound for {', '.join(unknown)}: only for bodies and for slow errors of sensors."
+            )
+        self._sensors = [k for k, parameter in enumerate(space.parameters) if parameter.kind in _ON_INPUTS]
+        self._sources = [self._source(space.parameters[k]) for k in self._sensors]
+        self._is_gain = [space.parameters[k].kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN) for k in self._sensors]
+        points = np.repeat(truth[None], 1 + len(self._inertial), axis=0)
+        points[1 + np.arange(len(self._inertial)), self._inertial] += self._body_steps
+        self._models = []
+        for point in points:
+            model = robot.identification_model(contact_bodies)
+            model.opt.timestep = timestep_s
+            write_fields(model, robot.realise(space, point, contact_bodies))
+            self._models.append(model)
+        self._datas = [mujoco.MjData(model) for model in self._models]
+        nv, nu = self._models[0].nv, self._models[0].nu
+        self._inputs = np.zeros((2 * nv, len(robot.joint_names) + nu))
+        self._from_bodies = np.zeros((2 * nv, len(self._inertial)))
+        self.transition: FloatArray = np.zeros((2 * nv, 2 * nv))
+
+    def _source(self, parameter: Parameter) -> int:
+        """Column of the input that a slow error belongs to."""
+        column = self._robot.sensor_column(parameter, self._bodies)
+        on_wrench = parameter.kind in (Kind.WRENCH_OFFSET, Kind.WRENCH_GAIN)
+        return len(self._robot.joint_names) + column if on_wrench else column
+
+    def from_output(self) -> FloatArray:
+        """What the parameters add to the measured state, shape (2 nv, n_p)."""
+        out = np.zeros((len(self.transition), len(self._space)))
+        for column, parameter in enumerate(self._space.parameters):
+            if parameter.kind is Kind.ENCODER_OFFSET:
+                out[self._robot.layout.joint_dof[self._robot.sensor_column(parameter, self._bodies)], column] = 1.0
+        return out
+
+    def linearise(self, walk: Walk, k: int) -> None:
+        """Take finite differences of the step from sample k."""
+        model, data, joint_dof = self._models[0], self._datas[0], self._robot.layout.joint_dof
+        qpos, qvel = self._robot.layout.to_qpos(walk.qpos[k]), self._robot.layout.to_qvel(walk.qvel[k])
+        force = np.zeros(model.nv)
+        force[joint_dof] = walk.effort[k]
+        wrench = walk.wrench[k].ravel()
+        n_joints = len(joint_dof)
+        _set(data, qpos, qvel, force, wrench)
+        from_wrench = np.empty((2 * model.nv, model.nu))
+        mujoco.mjd_transitionFD(model, data, STATE_STEP, False, self.transition, from_wrench, None, None)
+        self._inputs[:, n_joints:] = from_wrench
+        base = _step(model, data, qpos, qvel, force, wrench)
+        for column, dof in enumerate(joint_dof):
+            force[dof] += EFFORT_STEP
+            change = _difference(model, _step(model, data, qpos, qvel, force, wrench), base)
+            self._inputs[:, column] = change / EFFORT_STEP
+            force[dof] -= EFFORT_STEP
+        for column, (other, scratch) in enumerate(zip(self._models[1:], self._datas[1:], strict=True)):
+            change = _difference(model, _step(other, scratch, qpos, qvel, force, wrench), base)
+            self._from_bodies[:, column] = change / self._body_steps[column]
+
+    def process_noise(self, noise: SensorNoise, loaded: BoolArray) -> FloatArray:
+        """Covariance that the noise of the input readings adds to the state in one step, shape (2 nv, 2 nv)."""
+        std = np.concatenate(
+            [np.full(len(self._robot.joint_names), noise.effort), (loaded[:, None] * noise.wrench_std()).ravel()]
+        )
+        scaled = self._inputs * std
+        return np.asarray(scaled @ scaled.T)
+
+    def effects(self, walk: Walk, k: int, loaded: BoolArray, rates: FloatArray) -> FloatArray:
+        """What the parameters add to the state in the step from sample k, C, shape (2 nv, n_p).
+
+        A reading is (1 + gain) input + offset, of an input one lag earlier: with a larger offset or gain the same
+        reading means a smaller input; with a larger lag, what acts is read later.
+        """
+        out = np.zeros((len(self.transition), len(self._space)))
+        out[:, self._inertial] = self._from_bodies
+        readings = np.concatenate([walk.effort[k], walk.wrench[k].ravel()])
+        acts = np.concatenate([np.ones(walk.effort.shape[1]), np.repeat(loaded, 6)])
+        per_unit = np.where(self._is_gain, readings[self._sources], acts[self._sources])
+        out[:, self._sensors] = -self._inputs[:, self._sources] * per_unit
+        n_joints = walk.effort.shape[1]
+        for column, parameter in enumerate(self._space.parameters):
+            if parameter.kind in (Kind.EFFORT_LAG, Kind.WRENCH_LAG):
+                late = slice(n_joints) if parameter.kind is Kind.EFFORT_LAG else slice(n_joints, None)
+                out[:, column] = self._inputs[:, late] @ (acts * rates)[late]
+        return out
+
+
+def _set(data: mujoco.MjData, qpos: FloatArray, qvel: FloatArray, force: FloatArray, wrench: FloatArray) -> None:
+    data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = qpos, qvel, 0.0
+    data.qfrc_applied[:], data.ctrl[:] = force, wrench
+
+
+def _step(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    qpos: FloatArray,
+    qvel: FloatArray,
+    force: FloatArray,
+    wrench: FloatArray,
+) -> FloatArray:
+    """The state (qpos, qvel) after one step, shape (nq + nv,)."""
+    _set(data, qpos, qvel, force, wrench)
+    mujoco.mj_step(model, data)
+    return np.concatenate([data.qpos, data.qvel])
+
+
+def _difference(model: mujoco.MjModel, state: FloatArray, other: FloatArray) -> FloatArray:
+    """State less another one, in the tangent space, shape (2 nv,)."""
+    out = np.empty(2 * model.nv)
+    mujoco.mj_differentiatePos(model, out[: model.nv], 1.0, other[: model.nq], state[: model.nq])
+    out[model.nv :] = state[model.nq :] - other[model.nq :]
+    return out

@@ -1,0 +1,236 @@
+"""The verdict before the fit: to what standard deviation each mass can be known from a log, and what stands in the way.
+
+One identification model with the nominal masses runs through stretches of the log under the Kalman gain of the sensor
+noise. All unknowns, masses and nuisances alike, enter as derivatives of its whitened output error (tangents), whose
+Gram matrix is the Fisher information; stretches stand for the whole log in proportion to their length. With the priors
+of the nuisances its inverse is the covariance that an identification of the same log ends with.
+
+A log without noise is judged as if its motion had been measured by real sensors (`REFERENCE`): solved to rounding,
+every equation shows every mass, and that says nothing about the motion.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from massid.errors import LogError
+from massid.identify.assembly import assemble
+from massid.identify.logs import Log, gather_logs, join_spaces
+from massid.identify.options import IdentifyOptions
+from massid.identify.progress import Progress, silent
+from massid.judge.advice import advise
+from massid.judge.motion import observe_motion
+from massid.judge.smoothing import balanced, smoothed
+from massid.model.robot import Robot
+from massid.observer.blas import single_threaded
+from massid.observer.replay import replay_block, split
+from massid.result.combinations import known_sums, open_combinations
+from massid.result.excitation import LARGEST_DEVIATION
+from massid.result.quantities import whole_shapes
+from massid.result.verdict import KNOWN_SUM, VAGUE, Motion, MotionFacts, Verdict
+from massid.search.parameters import Kind, ParameterSpace
+from massid.typing import FloatArray, IntArray
+from massid.walk import Segment, Walk
+from massid.walk.noise import NoisePreset
+
+REFERENCE: NoisePreset = "realistic"
+"""Sensors with which a log without noise is judged."""
+_STRETCHES, _STRETCH_S, _LEAD_S = 8, 0.3, 0.2
+"""How many stretches of a long log are looked at, their length, and how long the filter settles before each [s]."""
+_SMOOTHING_S, _SMOOTHING_STILL_S = 0.05, 0.5
+"""The information is that of the motion; along the noise of a log a robot that stands still would seem to shake."""
+_BLOCK_STEPS = 50
+_LONGER = (2.0, 4.0, 8.0, 16.0, 32.0)
+
+
+def foresee(
+    walks: Walk | Sequence[Walk],
+    robot: Robot,
+    space: ParameterSpace,
+    options: IdentifyOptions | None = None,
+    progress: Progress = silent,
+    asked_noise: str | None = None,
+) -> Verdict:
+    """Judge what a log, or several of one robot, can reveal about some masses, without fitting anything.
+
+    Args:
+        walks: the log or logs.
+        robot: the robot with nominal masses.
+        space: the masses asked for, and what else is.
+        options: how the log would be identified; noise and nuisances matter here.
+        progress: told the fraction done.
+        asked_noise: the noise that the user asked for, if `options` have what was made of it.
+
+    Raises:
+        LogError: a log does not match the robot, or holds too few samples to be judged.
+        BadInputError: some logs have sensor noise and some have none.
+    """
+    started = time.perf_counter()
+    options = options or IdentifyOptions()
+    logs = gather_logs(walks, robot, space, options)
+    is_reference = logs[0].noise is None
+    if is_reference:
+        # What a clean log tells of friction, in joints that surely slide or stick, is judged after the fit.
+        space = ParameterSpace(tuple(one for one in space.parameters if one.kind is not Kind.FRICTION))
+        logs = gather_logs(walks, robot, space, replace(options, noise=REFERENCE))
+    logs = tuple(replace(log, space=_all_tangent(log.space)) for log in logs)
+    joint = join_spaces(logs)
+    facts = MotionFacts.of_all([observe_motion(robot, log.walk) for log in logs])
+    information = np.zeros((len(joint.space), len(joint.space)))
+    width_s = 0.0
+    if not is_reference:
+        width_s = _SMOOTHING_STILL_S if facts.motion is Motion.STANDING else _SMOOTHING_S
+    with single_threaded():
+        for k, (log, columns) in enumerate(zip(logs, joint.columns, strict=True)):
+            part = partial(_report, progress, k, len(logs))
+            information[np.ix_(columns, columns)] += _information(log, robot, options, width_s, part)
+    progress(1.0, "done")
+    posterior = _Posterior(joint.space, information)
+    everything = posterior.covariance()
+    others = _hidden_others(space, everything)
+    asked = np.array([k for k, parameter in enumerate(space.parameters) if parameter.kind is Kind.MASS], dtype=np.int64)
+    space = ParameterSpace(tuple(space.parameters[k] for k in asked))
+    covariance = everything[np.ix_(asked, asked)]
+    links = [parameter.target for parameter in space.parameters]
+    relative = covariance / np.outer(space.scale, space.scale)
+    std = np.sqrt(np.diagonal(relative))
+    hidden = [link for link, value in zip(links, std, strict=True) if value >= LARGEST_DEVIATION]
+    if facts.motion is Motion.HELD:
+        hidden = links
+    combinations = open_combinations(links, relative, LARGEST_DEVIATION) if hidden else ()
+    groups = [group for group in _groups(robot, links) if set(group) & set(hidden)]
+    held = facts.motion is Motion.HELD
+    return Verdict(
+        space=space,
+        covariance=covariance,
+        total_std_kg=posterior.total_std_kg(everything),
+        total_known=not held and posterior.total_std_kg(everything) < LARGEST_DEVIATION * robot.total_mass_kg,
+        sensors=_sensors(asked_noise or options.noise, is_reference),
+        facts=facts,
+        hidden_others=others,
+        combinations=combinations,
+        sums=() if held else known_sums(links, space.nominal, covariance, groups, KNOWN_SUM),
+        advice=advise(robot, facts, links, hidden, posterior.longer(asked, sum(log.walk.duration_s for log in logs))),
+        wall_s=time.perf_counter() - started,
+    )
+
+
+def _sensors(asked_noise: str, is_reference: bool) -> str:
+    """With what sensors a log is judged, and why."""
+    if is_reference:
+        why = "as --noise clean was asked for" if asked_noise == "clean" else "for the log has no noise"
+        return f"{REFERENCE} sensors, {why}"
+    return "the log's own noise" if asked_noise == "auto" else f"--noise {asked_noise}"
+
+
+def _hidden_others(space: ParameterSpace, covariance: FloatArray) -> tuple[str, ...]:
+    """Names of what cannot be known besides masses; a rotational inertia is known as a whole or not at all."""
+    std = np.sqrt(np.diagonal(covariance))[: len(space)]
+    hidden = std >= LARGEST_DEVIATION * space.scale
+    seen = whole_shapes(space, ~hidden)
+    rows = zip(space.parameters, seen, strict=True)
+    return tuple(parameter.name for parameter, known in rows if not known and parameter.kind is not Kind.MASS)
+
+
+def _all_tangent(space: ParameterSpace) -> ParameterSpace:
+    return ParameterSpace(tuple(replace(parameter, tangent=True) for parameter in space.parameters))
+
+
+def _report(progress: Progress, index: int, count: int, done: float) -> None:
+    progress((index + done) / count, "judging")
+
+
+def _information(
+    log: Log, robot: Robot, options: IdentifyOptions, smoothing_s: float, progress: Callable[[float], None]
+) -> FloatArray:
+    """Fisher information of one log about its unknowns, shape (n_p, n_p); a noisy one is smoothed for it."""
+    walk = log.walk
+    single = replace(options, bank_size=1)
+    bank = assemble(robot, log.space, walk.contact_bodies, walk.timestep_s, log.noise, single).bank
+    bank.place(log.space.nominal[None])
+    stretches = _pick(walk, round(_LEAD_S / walk.timestep_s))
+    if not stretches:
+        raise LogError(f"{walk.source}: {walk.duration_s:.3g} s of samples are too few to judge what they reveal.")
+    if smoothing_s > 0.0:
+        rows = np.concatenate([np.arange(stretch.start, stretch.stop - 1) for stretch, _ in stretches])
+        walk = balanced(smoothed(walk, smoothing_s), bank.robot, np.unique(rows))
+    information = np.zeros((len(bank.space), len(bank.space)))
+    counted = 0
+    for k, (stretch, skipped) in enumerate(stretches):
+        for part in split(stretch, _BLOCK_STEPS):
+            block = replay_block(walk, bank.robot.layout, part)
+            if part.start == stretch.start:
+                bank.restart(block)
+            tangents = bank.advance(block).tangents
+            if tangents is None or part.start < stretch.start + skipped:
+                continue
+            flat = tangents.reshape(len(tangents), -1)
+            information += bank.timestep_s * (flat @ flat.T)
+            counted += len(block)
+        progress((k + 1) / len(stretches))
+    return information * (walk.duration_s / (counted * walk.timestep_s))
+
+
+def _pick(walk: Walk, lead: int) -> list[tuple[Segment, int]]:
+    """Stretches and how many of their first samples only settle the filter; a short log is taken as it is."""
+    length = lead + round(_STRETCH_S / walk.timestep_s)
+    if walk.duration_s <= _STRETCHES * length * walk.timestep_s:
+        return [(segment, 0) for segment in walk.segments if len(segment) > 1]
+    slots = [
+        Segment(start, start + length + 1)
+        for segment in walk.segments
+        for start in range(segment.start, segment.stop - length, max(1, length // 2))
+    ]
+    chosen = np.linspace(0, len(slots) - 1, min(_STRETCHES, len(slots))).round().astype(int)
+    return [(slots[k], lead) for k in chosen]
+
+
+@dataclass(frozen=True)
+class _Posterior:
+    """Information of a log, and the beliefs that it is added to."""
+
+    space: ParameterSpace
+    information: FloatArray
+
+    def covariance(self, factor: float = 1.0) -> FloatArray:
+        """Covariance of all unknowns if the log were longer by a factor, shape (n_p, n_p)."""
+        scale = self.space.scale
+        prior = self.space.prior_precision * scale**2
+        prior = np.where(prior > 0.0, prior, VAGUE**-2)
+        information = factor * self.information * np.outer(scale, scale) + np.diag(prior)
+        return np.asarray(np.linalg.inv(information) * np.outer(scale, scale))
+
+    def total_std_kg(self, covariance: FloatArray) -> float:
+        """Standard deviation of the sum of all masses [kg]."""
+        masses = self.space.adds_mass
+        return float(np.sqrt(masses @ covariance @ masses))
+
+    def longer(self, asked: IntArray, log_s: float) -> float | None:
+        """Length of a log with the same motion that would reveal everything asked for [s]; None if none would."""
+        scale = self.space.scale[asked]
+        for factor in _LONGER:
+            std = np.sqrt(np.diagonal(self.covariance(factor))[asked])
+            if np.all(std < LARGEST_DEVIATION * scale):
+                return factor * log_s
+        return None
+
+
+def _groups(robot: Robot, links: Sequence[str]) -> list[tuple[str, ...]]:
+    """Links that belong together: all that were asked for, and the chains that hang on each other."""
+    model = robot.model
+    chains: dict[str, list[str]] = {}
+    for link in links:
+        body = model.body(link).id
+        top = link
+        while body and model.body(body).name != robot.root_body:
+            if model.body(body).name in links:
+                top = model.body(body).name
+            body = int(model.body_parentid[body])
+        chains.setdefault(top, []).append(link)
+    groups = [tuple(links), *(tuple(chain) for chain in chains.values())]
+    return [group for group in dict.fromkeys(groups) if len(group) > 1]

@@ -1,0 +1,1 @@
+"""Topic maps: which topic plays which role, from presets and YAML files."""

@@ -1,0 +1,378 @@
+"""What an identification found: a frozen trace that knows nothing of the truth."""
+
+from __future__ import annotations
+
+import enum
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from massid.errors import BadInputError
+from massid.result.checks import Validation
+from massid.result.combinations import Sum
+from massid.result.disagreement import disagreement
+from massid.result.excitation import Excitation
+from massid.result.posterior import INTERVAL_95, LARGEST_INFLATION
+from massid.result.quantities import Quantity
+from massid.result.verdict import KNOWN_SUM, Verdict
+from massid.search.guided import Iteration
+from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.search.proposal import Role
+from massid.typing import FloatArray, IntArray
+from massid.walk.noise import SensorNoise
+
+SCHEMA = 1
+_BORDER = 1e-3
+"""Distance to the border of Theta below which an estimate was stopped by it, in scales."""
+
+
+class Status(enum.StrEnum):
+    """How an identification ended."""
+
+    CONVERGED = "converged"
+    NOT_CONVERGED = "not converged"
+    NOT_IDENTIFIABLE = "not identifiable"
+
+
+@dataclass(frozen=True)
+class WindowResult:
+    """One update of the estimate.
+
+    Attributes:
+        index: number of the update, from 0: the dwell window online, the pass over the log offline.
+        time_s: time in the log at which the update was made, since its first sample [s]; several logs follow each
+            other.
+        estimate: shape (n_p,).
+        mu: scores of all models, shape (n_models,); inf for diverged ones.
+        best: row of p_best.
+        points: parameters of all models, shape (n_models, n_p).
+        roles: what each model was for.
+        newton_step: distance to the predicted minimum, shape (n_p,).
+        std: standard deviations at this point, shape (n_p,); None for a log without noise.
+        diverged: rows of the models that diverged.
+        chi2: mu of the centre per scalar output error: on a noisy log the mean square of whitened innovations.
+    """
+
+    index: int
+    time_s: float
+    estimate: FloatArray
+    mu: FloatArray
+    best: int
+    points: FloatArray
+    roles: tuple[Role, ...]
+    newton_step: FloatArray
+    diverged: IntArray
+    std: FloatArray | None = None
+    chi2: float = float("nan")
+
+    @classmethod
+    def from_iteration(cls, iteration: Iteration, time_s: float, std: FloatArray | None = None) -> WindowResult:
+        """Keep what is worth keeping of a search iteration: of the points, the parameters that were asked for."""
+        monitoring = iteration.monitoring
+        asked = slice(monitoring.proposal.n_sampled)
+        return cls(
+            index=iteration.index,
+            time_s=time_s,
+            estimate=iteration.estimate[asked],
+            mu=monitoring.mu,
+            best=iteration.best,
+            points=monitoring.proposal.points[:, asked],
+            roles=monitoring.proposal.roles,
+            newton_step=iteration.newton_step[asked],
+            diverged=monitoring.diverged.nonzero()[0],
+            std=std,
+            chi2=float(monitoring.gram[monitoring.proposal.centre, monitoring.proposal.centre]) / monitoring.samples,
+        )
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """What noise leaves uncertain, of the parameters that were asked for.
+
+    Attributes:
+        noise: sensor noise that was assumed or read off the log.
+        covariance: shape (n_p, n_p), in the parameters' units.
+        inflation: factor in it by which the windows' scores scatter more than the noise explains.
+        chi2_per_sample: mean square of the whitened innovations; near 1 if the model explains the log.
+        total_std_kg: standard deviation of all masses of the robot together [kg].
+        nuisances: what else was estimated.
+        nuisance_estimate: shape (n_nuisances,).
+        nuisance_std: shape (n_nuisances,).
+    """
+
+    noise: SensorNoise
+    covariance: FloatArray
+    inflation: float
+    chi2_per_sample: float
+    total_std_kg: float
+    nuisances: tuple[Parameter, ...]
+    nuisance_estimate: FloatArray
+    nuisance_std: FloatArray
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations, shape (n_p,)."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance)))
+
+
+@dataclass(frozen=True)
+class Result:
+    """What an identification found.
+
+    Attributes:
+        space: what was unknown.
+        estimate: the final estimate, shape (n_p,).
+        status: how it ended.
+        windows: every update.
+        excitation: what the log reveals of each parameter.
+        uncertainty: covariance and nuisances; None for a log without noise.
+        verdict: what was said before the fit; None if nobody asked.
+        validation: checks against the log itself; None if nobody asked.
+        quantities: what was asked for besides masses of links, in units of its own.
+        mode: "online" or "offline".
+        log_s: time covered by the logs [s].
+        wall_s: time it took [s].
+        warnings: what the user should know, one line each.
+        sources: the logs.
+    """
+
+    space: ParameterSpace
+    estimate: FloatArray
+    status: Status
+    windows: tuple[WindowResult, ...]
+    excitation: Excitation
+    mode: str
+    log_s: float
+    wall_s: float
+    warnings: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ("walk",)
+    uncertainty: Uncertainty | None = None
+    verdict: Verdict | None = None
+    validation: Validation | None = None
+    quantities: tuple[Quantity, ...] = ()
+
+    def checked(self, validation: Validation) -> Result:
+        """The result with the checks against its log, and their warnings."""
+        return replace(self, validation=validation, warnings=self.warnings + validation.warnings())
+
+    def unknowns(self) -> tuple[ParameterSpace, FloatArray]:
+        """Everything that was estimated for the first log, nuisances included, and its values, shape (n,).
+
+        Hidden links have the values that the search ended with: with the others' they add up to what the log does show.
+        """
+        parameters, values = list(self.space.parameters), self.estimate.tolist()
+        if self.uncertainty is not None:
+            found = self.uncertainty
+            for parameter, value in zip(found.nuisances, found.nuisance_estimate.tolist(), strict=True):
+                target, _, number = parameter.target.partition("@")
+                if number in ("", "1"):
+                    parameters.append(replace(parameter, target=target))
+                    values.append(value)
+        return ParameterSpace(tuple(parameters)), np.array(values)
+
+    def judged(self, verdict: Verdict) -> Result:
+        """The result under a verdict made before the fit: what it calls hidden is not identified, whatever came out."""
+        hidden = {f"{Kind.MASS}/{link}" for link in verdict.hidden} | set(verdict.hidden_others)
+        seen = [name not in hidden for name in self.space.names]
+        excitation = replace(self.excitation, identifiable=self.excitation.identifiable & np.array(seen))
+        status = self.status if excitation.identifiable.all() else Status.NOT_IDENTIFIABLE
+        quantities = tuple(quantity.without(hidden) for quantity in self.quantities)
+        result = replace(self, verdict=verdict, excitation=excitation, status=status, quantities=quantities)
+        sums = (result.known_sum(one) for one in verdict.sums)
+        said = disagreement(verdict, result.unforeseen, result.std_kg, result.contradicted)
+        return replace(
+            result,
+            verdict=replace(verdict, sums=tuple(one for one in sums if one is not None)),
+            warnings=result.warnings + said,
+        )
+
+    @property
+    def unsettled(self) -> str | None:
+        """Why the search did not converge and what helps, in words; None if it did."""
+        if self.status is not Status.NOT_CONVERGED:
+            return None
+        step = np.abs(self.windows[-1].newton_step)
+        worst = int(np.argmax(step / self.space.scale))
+        parameter = self.space.parameters[worst]
+        said = f"the last step was still {step[worst]:.2g} {parameter.unit} in {parameter.target}"
+        if self.mode == "online":
+            return f"{said}, when the log ended: walk longer, or replay the log with --mode offline"
+        return f"{said}: more --passes, a longer walk, or see the warnings for what is wrong"
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the windows of a noisy log contradict each other: model, log or assumed noise are wrong."""
+        return self.uncertainty is not None and self.uncertainty.inflation >= LARGEST_INFLATION
+
+    @property
+    def unforeseen(self) -> tuple[str, ...]:
+        """What the verdict foresaw to be known and the fit left unknown.
+
+        The verdict says less of other quantities than of links; they count if the whole fit is in doubt.
+        """
+        if self.verdict is None:
+            return ()
+        found = tuple(link for link in self.hidden_links if link not in self.verdict.hidden)
+        if not self.contradicted:
+            return found
+        others = set(self.verdict.hidden_others)
+        return found + tuple(
+            one.name for one in self.quantities if not (one.identifiable or others & set(one.parameters))
+        )
+
+    def known_sum(self, foreseen: Sum) -> Sum | None:
+        """The mass of several links together as found; None if the fit does not know it.
+
+        That is so at the border of Theta, where the search was stopped, and where the windows contradict each other so
+        much that links are lost.
+
+        Args:
+            foreseen: which links, and a deviation that counts for a log without noise.
+        """
+        space = self.space
+        masses = [one.kind is Kind.MASS and one.target in foreseen.links for one in space.parameters]
+        chosen = np.array(masses, dtype=np.float64)
+        room = np.minimum(self.estimate - space.lower, space.upper - self.estimate) / space.scale
+        if (self.contradicted and self.unforeseen) or np.any(room[masses] < _BORDER):
+            return None
+        std_kg = foreseen.std_kg
+        if self.uncertainty is not None:
+            std_kg = float(np.sqrt(chosen @ self.uncertainty.covariance @ chosen))
+        estimate_kg = float(chosen @ self.estimate)
+        return replace(foreseen, std_kg=std_kg, estimate_kg=estimate_kg) if std_kg < KNOWN_SUM * estimate_kg else None
+
+    @property
+    def hidden_links(self) -> tuple[str, ...]:
+        """The links whose mass the log does not reveal."""
+        rows = zip(self.space.parameters, self.excitation.identifiable, strict=True)
+        return tuple(parameter.target for parameter, seen in rows if not seen and parameter.kind is Kind.MASS)
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        """The links whose mass the log does not reveal, and the names of the other quantities that it does not."""
+        return self.hidden_links + tuple(quantity.name for quantity in self.quantities if not quantity.identifiable)
+
+    @property
+    def reported(self) -> FloatArray:
+        """The estimate with the nominal value of what is not identifiable: what a saved model gets, shape (n_p,)."""
+        return np.where(self.excitation.identifiable, self.estimate, self.space.nominal)
+
+    @property
+    def estimate_kg(self) -> dict[str, float]:
+        """Estimated mass of each link [kg]."""
+        return self.masses_kg(self.estimate)
+
+    @property
+    def nominal_kg(self) -> dict[str, float]:
+        """Nominal mass of each link [kg]."""
+        return self.masses_kg(self.space.nominal)
+
+    def masses_kg(self, point: FloatArray) -> dict[str, float]:
+        """The masses among the coordinates of a point, by link [kg]."""
+        return {
+            parameter.target: float(value)
+            for parameter, value in zip(self.space.parameters, point, strict=True)
+            if parameter.kind is Kind.MASS
+        }
+
+    @property
+    def std_kg(self) -> dict[str, float]:
+        """Standard deviation of each link's mass [kg]; empty for a log without noise."""
+        return {} if self.uncertainty is None else self.masses_kg(self.uncertainty.std)
+
+    @property
+    def together(self) -> Sum | None:
+        """The sum of all masses asked for; None if it is not known. A log without noise leaves it no deviation."""
+        return self.known_sum(Sum(tuple(self.nominal_kg), sum(self.nominal_kg.values()), 0.0))
+
+    def _interval(self, value: float, std: float | None) -> dict[str, Any]:
+        if std is None:
+            return {}
+        return {"std_kg": std, "interval95_kg": [value - INTERVAL_95 * std, value + INTERVAL_95 * std]}
+
+    def _link(self, link: str, value: float) -> dict[str, Any]:
+        """One link's entry; a link that is not identifiable has no estimate, only what was known before."""
+        nominal_kg = self.nominal_kg[link]
+        if link in self.hidden_links:
+            return {
+                "nominal_kg": nominal_kg,
+                "estimate_kg": None,
+                "identifiable": False,
+                "verdict": str(Status.NOT_IDENTIFIABLE),
+            }
+        entry = self._interval(value, self.std_kg.get(link))
+        return entry | {
+            "nominal_kg": nominal_kg,
+            "estimate_kg": value,
+            "identifiable": True,
+            "verdict": "identifiable",
+        }
+
+    def _uncertainty(self) -> dict[str, Any] | None:
+        found = self.uncertainty
+        if found is None:
+            return None
+        rows = zip(found.nuisances, found.nuisance_estimate.tolist(), found.nuisance_std.tolist(), strict=True)
+        return {
+            "noise": asdict(found.noise),
+            "inflation": found.inflation,
+            "chi2_per_sample": found.chi2_per_sample,
+            "nuisances": {
+                parameter.name: {
+                    "unit": parameter.unit,
+                    "nominal": parameter.nominal,
+                    "estimate": value,
+                    "std": std,
+                    "prior_std": parameter.prior_std,
+                }
+                for parameter, value, std in rows
+            },
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as plain JSON values (schema 1), without any truth."""
+        together = self.together
+        return {
+            "schema": SCHEMA,
+            "links": {link: self._link(link, value) for link, value in self.estimate_kg.items()},
+            "quantities": {quantity.name: quantity.to_json() for quantity in self.quantities},
+            "together": None
+            if together is None or together.estimate_kg is None
+            else {"estimate_kg": together.estimate_kg}
+            | self._interval(together.estimate_kg, together.std_kg if self.uncertainty else None),
+            "verdict": None if self.verdict is None else self.verdict.to_json(),
+            "validation": None if self.validation is None else self.validation.to_json(),
+            "uncertainty": self._uncertainty(),
+            "iterations": [
+                {
+                    "window": window.index,
+                    "time_s": window.time_s,
+                    "mu": float(window.mu[window.best]),
+                    "estimate_kg": self.masses_kg(window.estimate),
+                    "chi2": None if self.uncertainty is None else window.chi2,
+                    "std_kg": None if window.std is None else self.masses_kg(window.std),
+                }
+                for window in self.windows
+            ],
+            "status": str(self.status),
+            "mode": self.mode,
+            "logs": list(self.sources),
+            "warnings": list(self.warnings),
+            "wall_s": self.wall_s,
+            "log_s": self.log_s,
+        }
+
+
+def write_json(document: dict[str, Any], path: Path) -> None:
+    """Write a result document.
+
+    Raises:
+        BadInputError: the file cannot be written.
+    """
+    try:
+        path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
+    except OSError as error:
+        raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
