@@ -239,7 +239,7 @@ def unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
     def foresee(*_: object) -> None:
         raise AssertionError("judged already")
 
-    monkeypatch.setattr("massid.judge.foresee.foresee", foresee)
+    monkeypatch.setattr("massid.weighing.foresee", foresee)
 
 
 @pytest.mark.parametrize("mode", ["online", "offline"])

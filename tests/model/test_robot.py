@@ -54,7 +54,7 @@ def test_an_inertia_scales_by_one_factor_and_leaves_mass_and_frame() -> None:
     assert thick.body("l_thigh").mass[0] == pytest.approx(2.0 * robot.nominal_mass_kg("l_thigh"))
     np.testing.assert_array_equal(thick.body("l_thigh").iquat, robot.model.body("l_thigh").iquat)
     # The general way, by pseudo-inertias, agrees.
-    space = ParameterSpace((*parameter_space(robot, ["l_thigh"], com=["l_thigh"]).parameters, space.parameters[1]))
+    space = ParameterSpace((*parameter_space(robot, ["l_thigh"], ["com/l_thigh"]).parameters, space.parameters[1]))
     point = np.array([both[0], *robot.model.body("l_thigh").ipos, both[1]])
     general = robot.model_at(space, point).body("l_thigh")
     np.testing.assert_allclose(np.sort(general.inertia), np.sort(thick.body("l_thigh").inertia), rtol=1e-9)

@@ -105,7 +105,7 @@ def test_sampled_and_tangent_parameters_meet_in_one_quadratic(pushed: Pushed) ->
 @pytest.mark.parametrize("column", range(13))
 def test_inertial_forces_are_derivatives_of_the_inverse_dynamics(column: int, pushed: Pushed) -> None:
     robot, contacts = pushed.robot, pushed.walk.contact_bodies
-    space = parameter_space(robot, ["torso"], com=["l_thigh"], inertia=["torso"], payload=["torso@0.1,0.2,0.3"])
+    space = parameter_space(robot, ["torso"], ["com/l_thigh", "inertia/torso", "payload/torso@0.1,0.2,0.3"])
     scales = [Parameter.nuisance(Kind.INERTIA_SCALE, link, 0.1) for link in ("r_thigh", "l_thigh")]
     space = ParameterSpace((*space.parameters, *scales))
     point = space.nominal + 0.1 * space.scale

@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from massid.identify import IdentifyOptions, identify_offline, identify_online
+from massid.identify import IdentifyOptions
 from massid.model.robot import Robot
 from massid.result.result import Result
 from massid.score import Score, Truth, score
 from massid.walk import Walk
 from tests.conftest import Pushed
+from tests.weighed import weigh_offline, weigh_online
 
 
 @dataclass(frozen=True)
@@ -31,10 +32,10 @@ def _story(pushed: Pushed, result: Result) -> Story:
 @pytest.fixture(scope="session")
 def online(pushed: Pushed) -> Story:
     options = IdentifyOptions(dwell_s=0.3)
-    return _story(pushed, identify_online(pushed.walk, pushed.robot, pushed.space, options))
+    return _story(pushed, weigh_online(pushed.walk, pushed.robot, pushed.space, options))
 
 
 @pytest.fixture(scope="session")
 def offline(pushed: Pushed) -> Story:
     options = IdentifyOptions(dwell_s=0.5, passes=2)
-    return _story(pushed, identify_offline(pushed.walk, pushed.robot, pushed.space, options))
+    return _story(pushed, weigh_offline(pushed.walk, pushed.robot, pushed.space, options))

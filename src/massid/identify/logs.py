@@ -7,30 +7,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from massid.errors import BadInputError
-from massid.identify.options import IdentifyOptions
-from massid.identify.sensing import resolve_noise, with_nuisances
-from massid.model.robot import Robot
+from massid.observer.sensors import SensorModel
 from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray, IntArray
 from massid.walk import Walk
-from massid.walk.noise import SensorNoise
 
 
 @dataclass(frozen=True)
-class Log:
-    """One log of an identification.
+class PreparedLog:
+    """One log, ready to be identified from.
 
     Attributes:
         walk: its joints in the robot's order.
-        noise: of its sensors; None for a log without noise.
+        sensors: what its sensors are taken to do.
         space: the parameters asked for, followed by this log's nuisances.
         doubts: what speaks against how it is identified, one line each.
     """
 
     walk: Walk
-    noise: SensorNoise | None
+    sensors: SensorModel
     space: ParameterSpace
     doubts: tuple[str, ...] = ()
 
@@ -48,50 +44,7 @@ class JointSpace:
     columns: tuple[IntArray, ...]
 
 
-def gather_logs(
-    walks: Walk | Sequence[Walk], robot: Robot, space: ParameterSpace, options: IdentifyOptions
-) -> tuple[Log, ...]:
-    """Align one walk or several with the robot and say what is unknown about each.
-
-    Sample periods and contact bodies may differ from log to log.
-
-    Raises:
-        BadInputError: no walk, or some with and some without sensor noise, whose scores cannot be added.
-        LogError: a walk does not match the robot.
-    """
-    given = (walks,) if isinstance(walks, Walk) else tuple(walks)
-    if not given:
-        raise BadInputError("No walk to identify from: give at least one.")
-    logs = []
-    for one in given:
-        walk = robot.align(one)
-        noise = resolve_noise(walk, robot, options)
-        own = space if noise is None else with_nuisances(space, robot, walk, noise, options)
-        logs.append(Log(walk, noise, own, _doubts(walk, robot, options)))
-    noisy = [log.walk.source for log in logs if log.noise is not None]
-    clean = [log.walk.source for log in logs if log.noise is None]
-    if noisy and clean:
-        raise BadInputError(
-            f"{noisy[0]} has sensor noise and {clean[0]} has none: identify them one at a time, or say what sensors "
-            "both have (--noise white or realistic)."
-        )
-    return tuple(logs)
-
-
-def _doubts(walk: Walk, robot: Robot, options: IdentifyOptions) -> tuple[str, ...]:
-    """Say so if a log is called clean and is not."""
-    if options.noise != "clean":
-        return ()
-    noise = resolve_noise(walk, robot, replace(options, noise="auto"))
-    if noise is None:
-        return ()
-    return (
-        f"{walk.source} is taken as --noise clean, but shows noise of {noise.joint_velocity:.2g} rad/s in the joint "
-        "velocities, which no forces explain: without that option the noise is read off the log.",
-    )
-
-
-def join_spaces(logs: Sequence[Log]) -> JointSpace:
+def join_spaces(logs: Sequence[PreparedLog]) -> JointSpace:
     """Put the unknowns of all logs side by side: masses once, sensors' errors once for each log."""
     if len(logs) == 1:
         return JointSpace(logs[0].space, (np.arange(len(logs[0].space)),))
@@ -140,9 +93,3 @@ def _columns_of(before: ParameterSpace, space: ParameterSpace) -> IntArray:
     """Where the unknowns that are not an error of a walk's sensors are in another space."""
     names = [p.name for p in before.parameters if not p.per_walk]
     return np.array([space.names.index(name) for name in names], dtype=np.int64)
-
-
-def gather_warnings(logs: Sequence[Log]) -> tuple[str, ...]:
-    """What reading all logs had to say, then what speaks against how they are identified."""
-    read = tuple(warning for log in logs for warning in log.walk.warnings)
-    return read + tuple(doubt for log in logs for doubt in log.doubts)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from massid.errors import ModelError, unknown_name
+from massid.errors import BadInputError, ModelError, unknown_name
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import centre_parameters, inertia_parameters, parse_payload, payload_parameter
 from massid.model.unknowns.joints import passive_parameter
@@ -34,30 +34,34 @@ def mass_space(robot: Robot, links: Iterable[str], *, welded_too: bool = False) 
 def parameter_space(
     robot: Robot,
     links: Iterable[str],
-    *,
-    com: Iterable[str] = (),
-    inertia: Iterable[str] = (),
-    payload: Iterable[str] = (),
-    friction: Iterable[str] = (),
-    damping: Iterable[str] = (),
+    unknowns: Iterable[str | Parameter] = (),
 ) -> ParameterSpace:
     """Span masses, and what else is unknown of the robot's bodies and joints.
 
     Args:
         robot: the robot with nominal values.
         links: whose mass is unknown.
-        com: links whose centre of mass is unknown.
-        inertia: links whose rotational inertia is unknown beyond its scaling with the mass.
-        payload: point masses of unknown size, BODY or BODY@X,Y,Z in the frame of the body [m].
-        friction: joints whose friction loss is unknown.
-        damping: joints whose viscous damping is unknown.
+        unknowns: what else is, as KIND/TARGET: com/LINK for its centre of mass, inertia/LINK for its rotational inertia
+            beyond its scaling with the mass, payload/BODY or payload/BODY@X,Y,Z for a point mass of unknown size in the
+            frame of the body [m], friction/JOINT and damping/JOINT for friction loss and viscous damping.
 
     Raises:
         ModelError: a name is not a link with a mass, or moves with another body; a payload on what does not move;
             an inertia without thickness; no such joint, or actuators that damp joints, too.
         BadInputError: no links, something named twice, or a point that is not three numbers.
     """
-    parameters = list(mass_space(robot, links).parameters)
+    links, unknowns = tuple(links), tuple(unknowns)
+    parameters = list(mass_space(robot, links).parameters) if links or not unknowns else []
+    parameters += [one for one in unknowns if isinstance(one, Parameter)]
+    groups: dict[str, list[str]] = {kind: [] for kind in ("com", "inertia", "payload", "friction", "damping")}
+    for one in unknowns:
+        if isinstance(one, Parameter):
+            continue
+        kind, _, target = one.partition("/")
+        if kind not in groups or not target:
+            raise BadInputError(f"Unknown '{one}': expected KIND/TARGET with a kind of {', '.join(groups)}.")
+        groups[kind].append(target)
+    com, inertia, payload, friction, damping = groups.values()
     for group, make in ((com, centre_parameters), (inertia, inertia_parameters)):
         for link in group:
             _check_link(robot, link)
