@@ -163,4 +163,4 @@ def test_the_readmes_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, object] = {}
     for block in blocks:  # a later block goes on from an earlier one, as a reader does
         exec(block, names)
-    assert "torso: 67.86 kg" in capsys.readouterr().out
+    assert "'torso': 67.86" in capsys.readouterr().out
