@@ -1,12 +1,14 @@
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
 import pytest
 
 from massid.identify import IdentifyOptions, identify_offline, identify_online
-from massid.identify.result import Result
+from massid.identify.result import Result, Uncertainty
 from massid.log.walk import Walk
+from massid.noise import PRESETS
 from massid.robot import Robot
 from massid.score import Score, Truth, score
 from tests.conftest import Pushed
@@ -38,3 +40,13 @@ def online(pushed: Pushed) -> Story:
 def offline(pushed: Pushed) -> Story:
     options = IdentifyOptions(dwell_s=0.5, passes=2)
     return _story(pushed, identify_offline(pushed.walk, pushed.robot, pushed.space, options))
+
+
+@pytest.fixture(scope="session")
+def noisy(offline: Story) -> Story:
+    """The replayed log as if it had had noise: every pass with intervals, which narrow by a half each time."""
+    n = len(offline.result.space)
+    windows = tuple(replace(one, std=np.full(n, 0.1 * 0.5**k)) for k, one in enumerate(offline.result.windows))
+    covariance = np.diag(windows[-1].std ** 2)
+    uncertainty = Uncertainty(PRESETS["white"], covariance, 1.0, 1.0, 0.3, (), np.zeros(0), np.zeros(0))
+    return replace(offline, result=replace(offline.result, windows=windows, uncertainty=uncertainty))
