@@ -32,7 +32,7 @@ from massid.result import Result
 from massid.result.evidence import Evidence
 from massid.result.verdict import Verdict
 from massid.search.guided import check_bank_size
-from massid.search.parameters import Parameter, ParameterSpace
+from massid.search.parameters import Kind, Parameter, ParameterSpace
 from massid.search.scan import scanned_columns
 from massid.walk import Walk
 
@@ -41,8 +41,8 @@ Log: TypeAlias = "str | Path | Walk"
 Model: TypeAlias = "str | Path | mujoco.MjSpec | Robot"
 """An MJCF or URDF file, the name of a shipped robot, a spec, or a robot that was loaded before."""
 Mode: TypeAlias = Literal["auto", "online", "offline"]
-Tell: TypeAlias = Callable[["str | Verdict"], None]
-"""Told each warning, and the verdict, as soon as it is known."""
+Tell: TypeAlias = "Callable[[Weighing | str | Verdict], None]"
+"""Told what is about to be done, each warning, and the verdict, as soon as it is known."""
 
 _READ, _JUDGED, _FITTED = 0.06, 0.15, 0.95
 """Fractions of the work that are done after each step."""
@@ -77,7 +77,7 @@ def weigh(
         checks: whether to say before the fit what the logs can reveal, and to check the answer after it.
         options: how to identify.
         progress: told the fraction done and a few words.
-        tell: told warnings and the verdict at once; they are in the result as well.
+        tell: told what is about to be done, warnings and the verdict at once; the last two are in the result as well.
         stop: asked now and then; once it says so, what is found so far is the result.
 
     Returns:
@@ -95,9 +95,10 @@ def weigh(
         logs, robot, links, unknowns=unknowns, topics=topics, mode=mode, held_out=held_out, options=options,
         progress=part_of(progress, 0.0, _READ),
     )  # fmt: skip
+    job.require_windows()
+    tell(job)
     for warning in job.warnings:
         tell(warning)
-    job.require_windows()
     verdict = None
     if checks:
         verdict = job.foresee(part_of(progress, _READ, _JUDGED))
@@ -204,6 +205,11 @@ class Weighing:
         """The robot that the logs fit: joints that they do not show are held still."""
         return self.prepared[0].robot
 
+    @property
+    def nominal_kg(self) -> dict[str, float]:
+        """Nominal mass of each link asked for [kg]."""
+        return {one.target: one.nominal for one in self.asked.parameters if one.kind is Kind.MASS}
+
     def require_windows(self) -> None:
         """Pass if the logs fill dwell windows: each of them that is replayed, or at least one.
 
@@ -291,5 +297,5 @@ def named_links(robot: Robot, links: Sequence[str] | None) -> tuple[str, ...]:
     return usual
 
 
-def _ignore(said: str | Verdict) -> None:
+def _ignore(said: Weighing | str | Verdict) -> None:
     """Nobody listens."""

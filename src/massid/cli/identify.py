@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from massid.result import Result
     from massid.result.verdict import Verdict
     from massid.score import Score, Truth
+    from massid.weighing import Weighing
 
 EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVERGED: 4}
 
@@ -207,21 +208,23 @@ class _Heard:
         self._truth = truth
         self._waiting: list[str] | None = None
 
-    def __call__(self, said: str | Verdict) -> None:
+    def __call__(self, said: Weighing | str | Verdict) -> None:
         from massid.cli.console import say, warn
+        from massid.weighing import Weighing
 
-        if not isinstance(said, str):
-            if self._truth is not None:
-                nominal_kg = dict(zip(said.links, said.space.nominal.tolist(), strict=True))
-                for line in self._truth.check_robot(nominal_kg):
+        match said:
+            case Weighing():
+                for line in self._truth.check_robot(said.nominal_kg) if self._truth else ():
                     warn(line)
-            if not said.hidden:
-                say(f"verdict: {said.lines()[0]}\n")
-            self._waiting = []
-        elif self._waiting is None:
-            warn(said)
-        else:
-            self._waiting.append(said)
+            case str():
+                if self._waiting is None:
+                    warn(said)
+                else:
+                    self._waiting.append(said)
+            case _:
+                if not said.hidden:
+                    say(f"verdict: {said.lines()[0]}\n")
+                self._waiting = []
 
     def rest(self) -> None:
         """Print what waited."""
