@@ -25,6 +25,7 @@ ONLY_IN = {
     "quadprog": {"walking"},
     "ruamel": {"log"},
     "google": {"log"},
+    "msgspec": {"result", "score"},
 }
 """Libraries that one room keeps to itself."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -24,6 +24,7 @@ from massid.identify.options import IdentifyOptions, idle_options
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import parameter_space
 from massid.outputs import check_outputs, check_suffix
+from massid.result.document import ReferenceEntry
 from massid.result.result import Status
 from massid.search.guided import check_bank_size, enough_models
 from massid.search.parameters import Kind, ParameterSpace
@@ -200,18 +201,20 @@ class Identify:
         """Write the result document and its sidecar, with the reference method beside it."""
         from massid.cli.console import say
         from massid.judge.residuals import channel_residuals
-        from massid.result.result import write_json
-        from massid.result.sidecar import DIGEST, sidecar_path, write_sidecar
+        from massid.result.file import write_json
+        from massid.result.sidecar import sidecar_path, write_sidecar
         from massid.score import with_score
 
         if self.json is None:
             return
-        settings = replace(options, noise=self.options.noise).to_json()
-        document = result.to_json() | {"reference": reference_fit(result, part.fitted, robot), "options": settings}
         digest = write_sidecar(
             sidecar_path(self.json), result, channel_residuals(result, part.held or part.fitted, robot, options)
         )
-        document |= {DIGEST: digest}
+        document = result.document(
+            reference=reference_fit(result, part.fitted, robot),
+            options=replace(options, noise=self.options.noise).to_json(),
+            sidecar_sha256=digest,
+        )
         write_json(with_score(document, scored) if scored else document, self.json)
         say(f"result: {self.json} (massid report {self.json})")
 
@@ -255,7 +258,7 @@ class Identify:
         return list(links)
 
 
-def reference_fit(result: Result, walk: Walk, robot: Robot) -> dict[str, Any] | None:
+def reference_fit(result: Result, walk: Walk, robot: Robot) -> ReferenceEntry | None:
     """Filtered inverse-dynamics least squares on the same log with the same unknowns; None if the log is too short."""
     from massid.compare import CUTOFFS_HZ, scan_cutoffs, self_chosen
 
@@ -266,12 +269,12 @@ def reference_fit(result: Result, walk: Walk, robot: Robot) -> dict[str, Any] | 
     except BadInputError:
         return None
     asked = len(result.space)
-    return {
-        "method": "filtered inverse-dynamics least squares",
-        "cutoff_hz": fit.cutoff_hz,
-        "estimate_kg": result.masses_kg(fit.estimate[:asked]),
-        "std_kg": result.masses_kg(fit.std[:asked]),
-    }
+    return ReferenceEntry(
+        method="filtered inverse-dynamics least squares",
+        cutoff_hz=fit.cutoff_hz,
+        estimate_kg=result.masses_kg(fit.estimate[:asked]),
+        std_kg=result.masses_kg(fit.std[:asked]),
+    )
 
 
 def check_windows(walks: Sequence[Walk], dwell_s: float, *, all_needed: bool) -> None:
