@@ -14,7 +14,7 @@ from massid.typing import AnyArray, FloatArray
 from massid.view.chart import Chart
 from massid.view.colours import LINK_COLOURS
 from massid.view.nuisances import write_nuisances
-from massid.view.page import HtmlPage
+from massid.view.page import HtmlPage, Mood
 
 _BEFORE, _AFTER, _REFERENCE, _TRUTH = "#c3ccd6", "#0a8a78", "#d9822b", "#1d2229"
 _NBSP = "\N{NO-BREAK SPACE}"
@@ -59,7 +59,7 @@ def _head(page: HtmlPage, document: Document) -> None:
         f"{len(links)} links weighed from {document.log_s:.1f} s of log, {document.mode}, in {document.wall_s:.1f} s.",
         soft=True,
     )
-    cards = [
+    cards: list[tuple[str, str, Mood]] = [
         (status, f"{seen} of {len(links)} links identifiable", "good" if status == "converged" else "bad"),
     ]
     together = document.together
@@ -75,9 +75,9 @@ def _head(page: HtmlPage, document: Document) -> None:
         page.warning(warning)
 
 
-def _checks(validation: ValidationEntry) -> list[tuple[str, str, str]]:
+def _checks(validation: ValidationEntry) -> list[tuple[str, str, Mood]]:
     """Cards of what the log itself says about the result."""
-    cards = []
+    cards: list[tuple[str, str, Mood]] = []
     if weight := validation.weight:
         carried = f"{weight.carried_kg:.2f} ±{INTERVAL_95 * weight.carried_std_kg:.2g} kg"
         half = f" ±{INTERVAL_95 * weight.found_std_kg:.2g}" if weight.found_std_kg else ""
