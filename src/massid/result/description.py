@@ -30,7 +30,7 @@ def describe_result(
     """The document of a result; see `Result.document`."""
     return Document(
         schema=SCHEMA,
-        links=_links(result),
+        links=describe_links(result),
         quantities={quantity.name: quantity.entry() for quantity in result.quantities},
         together=_together(result),
         verdict=None if result.verdict is None else result.verdict.entry(),
@@ -49,7 +49,7 @@ def describe_result(
     )
 
 
-def _links(result: Result) -> dict[str, LinkEntry]:
+def describe_links(result: Result) -> dict[str, LinkEntry]:
     """A link that is not identifiable has no estimate, only what was known before."""
     nominal_kg, std_kg, hidden = result.nominal_kg, result.std_kg, result.hidden_links
     return {

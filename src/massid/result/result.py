@@ -17,6 +17,7 @@ from massid.result.document import Document, ReferenceEntry, Settings
 from massid.result.excitation import Excitation
 from massid.result.file import plain
 from massid.result.posterior import LARGEST_INFLATION
+from massid.result.presentation import Columns, columns, notebook_html, one_or_two_lines
 from massid.result.quantities import Quantity
 from massid.result.verdict import KNOWN_SUM, Verdict
 from massid.search.guided import Iteration
@@ -302,6 +303,26 @@ class Result:
             sidecar_sha256: what `massid.result.sidecar.write_sidecar` returned for the file beside it.
         """
         return describe_result(self, reference, options, sidecar_sha256)
+
+    def table(self) -> Columns:
+        """The masses column by column, all of the same length: ``pandas.DataFrame(result.table())``.
+
+        Returns:
+            link: names.
+            nominal_kg: of the model file [kg].
+            estimate_kg: as found [kg]; nan where the log does not reveal it.
+            std_kg: standard deviation [kg]; nan there, and for a log without noise.
+            low95_kg, high95_kg: ends of the 95 % interval [kg]; nan likewise.
+            identifiable: whether the log reveals it.
+        """
+        return columns(self)
+
+    def __repr__(self) -> str:
+        return one_or_two_lines(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return notebook_html(self)
 
     def to_json(self) -> dict[str, Any]:
         """The document as plain JSON values."""
