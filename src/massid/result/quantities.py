@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from massid.model.inertia import inertial_frame
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import AXES, BodyUnknowns, unknown_bodies
-from massid.result.posterior import INTERVAL_95
+from massid.result.document import QuantityEntry
+from massid.result.posterior import interval_95
 from massid.search.parameters import Kind, ParameterSpace
 from massid.typing import BoolArray, FloatArray
 
@@ -49,16 +49,17 @@ class Quantity:
         """The quantity when some parameters turn out to be hidden."""
         return replace(self, identifiable=self.identifiable and not set(hidden) & set(self.parameters))
 
-    def to_json(self) -> dict[str, Any]:
-        """As plain JSON values; without an estimate if the log does not reveal it."""
-        entry = {"unit": self.unit, "nominal": self.nominal, "identifiable": self.identifiable}
-        if not self.identifiable:
-            return entry | {"estimate": None}
-        entry |= {"estimate": self.estimate}
-        if self.std is None:
-            return entry
-        half = INTERVAL_95 * self.std
-        return entry | {"std": self.std, "interval95": [self.estimate - half, self.estimate + half]}
+    def entry(self) -> QuantityEntry:
+        """As a document holds it; without an estimate if the log does not reveal it."""
+        std = self.std if self.identifiable else None
+        return QuantityEntry(
+            unit=self.unit,
+            nominal=self.nominal,
+            identifiable=self.identifiable,
+            estimate=self.estimate if self.identifiable else None,
+            std=std,
+            interval95=interval_95(self.estimate, std),
+        )
 
 
 def describe(
