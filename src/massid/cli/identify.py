@@ -16,17 +16,19 @@ from massid.cli.arguments import (
     OptionalModel,
     OptionalTopics,
     PayloadList,
+    UnknownList,
     parse_names,
     topics_file,
 )
 from massid.errors import BadInputError, LogError
 from massid.identify.options import IdentifyOptions, idle_options
 from massid.model.robot import Robot
+from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.spaces import parameter_space
 from massid.outputs import check_outputs, check_suffix
 from massid.result.result import Status
 from massid.search.guided import check_bank_size, enough_models
-from massid.search.parameters import Kind, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.search.scan import scanned_columns
 from massid.walk import Walk
 
@@ -70,6 +72,7 @@ class Identify:
     """Joints whose friction loss is unknown, too."""
     damping: OptionalLinks = None
     """Joints whose viscous damping is unknown, too."""
+    unknown: UnknownList = ()
     topics: OptionalTopics = None
     """Topic map: a YAML file, or a preset such as ros2 or unitree_g1; default what massid records."""
     mode: Literal["auto", "online", "offline"] = "auto"
@@ -114,7 +117,7 @@ class Identify:
         for warning in known:
             warn(warning)
         space = self._space(robot)
-        weighed = {one.target: one.nominal for one in space.parameters if one.kind is Kind.MASS}
+        weighed = {one.target: one.nominal for one in space.parameters if isinstance(one, Mass)}
         strange = truth.check_robot(weighed) if truth else ()
         options = options_for(self.options, [one.audit for one in prepared], len(space))
         parts = [hold_out(walk, self.held_out) for walk in walks]
@@ -233,15 +236,15 @@ class Identify:
         return paths[0]
 
     def _space(self, robot: Robot) -> ParameterSpace:
-        return parameter_space(
-            robot,
-            self._links(robot),
-            com=parse_names("--com", self.com),
-            inertia=parse_names("--inertia", self.inertia),
-            payload=self.payload,
-            friction=parse_names("--friction", self.friction),
-            damping=parse_names("--damping", self.damping),
-        )
+        wanted = {
+            "com": parse_names("--com", self.com),
+            "inertia": parse_names("--inertia", self.inertia),
+            "payload": self.payload,
+            "friction": parse_names("--friction", self.friction),
+            "damping": parse_names("--damping", self.damping),
+        }
+        named = [f"{kind}/{target}" for kind, targets in wanted.items() for target in targets]
+        return parameter_space(robot, self._links(robot), [*named, *self.unknown])
 
     def _links(self, robot: Robot) -> list[str]:
         if self.links is not None:

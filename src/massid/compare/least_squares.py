@@ -74,8 +74,9 @@ def fit_masses(walk: Walk, robot: Robot, space: ParameterSpace, cutoff_hz: float
             f"{walk.source}: {len(motion)} instants are too few for {len(space)} unknowns; choose a higher cut-off."
         )
     trained = _solve(known[:n_train], regressor[:n_train], space)
-    rest = _explain(known[n_train:], regressor[n_train:], trained.estimate - space.nominal)[:, robot.layout.joint_dof]
-    torque = motion.effort[n_train:] - motion.effort[n_train:].mean(axis=0)
+    joints = robot.layout.joint_dof
+    rest = _explain(known[n_train:], regressor[n_train:], trained.estimate - space.nominal)[:, joints]
+    torque = motion.effort[n_train:, joints] - motion.effort[n_train:, joints].mean(axis=0)
     solved = _solve(known, regressor, space)
     return Fit(cutoff_hz, solved.estimate, solved.std, float(np.sum(rest**2) / np.sum(torque**2)))
 

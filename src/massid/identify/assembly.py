@@ -15,7 +15,7 @@ from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
 from massid.observer.spans import REACH_S
 from massid.observer.tangents import TangentFilter
-from massid.search.parameters import Kind, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.walk.noise import SensorNoise
 
@@ -63,13 +63,13 @@ def assemble(
     if noise is None:
         injection = InertiaShapedInjection(model, options.bandwidth_rad_s, options.damping_ratio)
     else:
-        is_unknown = any(parameter.kind is Kind.FRICTION for parameter in space.parameters)
+        is_unknown = robot.realise(space, space.nominal, contact_bodies).friction_loss is not None
         beliefs = InputBelief(
             model, robot.layout, noise, timestep_s=timestep_s, reach_s=reach_s, unknown_friction=is_unknown
         )
         model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
         lineariser = Lineariser(copy.copy(model), robot.layout, substeps)
-        columns = TangentFilter(robot, space.parameters, contact_bodies, lineariser) if tangents else None
+        columns = TangentFilter(robot, space, contact_bodies, lineariser) if tangents else None
         injection = KalmanInjection(lineariser, robot.layout, noise, beliefs, columns)
     bank = RobotBank(
         robot,

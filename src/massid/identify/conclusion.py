@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from massid.model.robot import Robot
+from massid.model.unknowns.unknown import adds_mass, unknowns_of
 from massid.result.excitation import assess_excitation, from_deviations
 from massid.result.posterior import LARGEST_INFLATION, posterior
 from massid.result.quantities import describe, whole_shapes
@@ -144,14 +145,14 @@ def _misfit(findings: Findings, converged: bool) -> tuple[str, ...]:
 def _uncertainty(findings: Findings, noise: SensorNoise) -> Uncertainty:
     asked = findings.space.n_sampled
     found = posterior(findings.space, findings.information, findings.windows, findings.inflation)
-    masses = findings.space.adds_mass
+    masses = adds_mass(findings.space)
     return Uncertainty(
         noise=noise,
         covariance=found.covariance[:asked, :asked],
         inflation=found.inflation,
         chi2_per_sample=findings.last.value / findings.last.samples,
         total_std_kg=float(np.sqrt(masses @ found.covariance @ masses)),
-        nuisances=findings.space.tangents,
+        nuisances=unknowns_of(findings.space)[asked:],
         nuisance_estimate=findings.estimate[asked:],
         nuisance_std=found.std[asked:],
     )

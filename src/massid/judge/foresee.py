@@ -27,13 +27,16 @@ from massid.judge.advice import advise
 from massid.judge.motion import observe_motion
 from massid.judge.smoothing import balanced, smoothed
 from massid.model.robot import Robot
+from massid.model.unknowns.bodies import Mass
+from massid.model.unknowns.joints import FrictionLoss
+from massid.model.unknowns.unknown import adds_mass
 from massid.observer.blas import single_threaded
 from massid.observer.replay import replay_block, split
 from massid.result.combinations import known_sums, open_combinations
 from massid.result.excitation import LARGEST_DEVIATION
 from massid.result.quantities import whole_shapes
 from massid.result.verdict import KNOWN_SUM, VAGUE, Motion, MotionFacts, Verdict
-from massid.search.parameters import Kind, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray, IntArray
 from massid.walk import Segment, Walk
 from massid.walk.noise import NoisePreset
@@ -76,7 +79,7 @@ def foresee(
     is_reference = logs[0].noise is None
     if is_reference:
         # What a clean log tells of friction, in joints that surely slide or stick, is judged after the fit.
-        space = ParameterSpace(tuple(one for one in space.parameters if one.kind is not Kind.FRICTION))
+        space = ParameterSpace(tuple(one for one in space.parameters if not isinstance(one, FrictionLoss)))
         logs = gather_logs(walks, robot, space, replace(options, noise=REFERENCE))
     logs = tuple(replace(log, space=_all_tangent(log.space)) for log in logs)
     joint = join_spaces(logs)
@@ -93,7 +96,7 @@ def foresee(
     posterior = _Posterior(joint.space, information)
     everything = posterior.covariance()
     others = _hidden_others(space, everything)
-    asked = np.array([k for k, parameter in enumerate(space.parameters) if parameter.kind is Kind.MASS], dtype=np.int64)
+    asked = np.array([k for k, parameter in enumerate(space.parameters) if isinstance(parameter, Mass)], dtype=np.int64)
     space = ParameterSpace(tuple(space.parameters[k] for k in asked))
     covariance = everything[np.ix_(asked, asked)]
     links = [parameter.target for parameter in space.parameters]
@@ -134,7 +137,7 @@ def _hidden_others(space: ParameterSpace, covariance: FloatArray) -> tuple[str, 
     hidden = std >= LARGEST_DEVIATION * space.scale
     seen = whole_shapes(space, ~hidden)
     rows = zip(space.parameters, seen, strict=True)
-    return tuple(parameter.name for parameter, known in rows if not known and parameter.kind is not Kind.MASS)
+    return tuple(parameter.name for parameter, known in rows if not (known or isinstance(parameter, Mass)))
 
 
 def _all_tangent(space: ParameterSpace) -> ParameterSpace:
@@ -207,7 +210,7 @@ class _Posterior:
 
     def total_std_kg(self, covariance: FloatArray) -> float:
         """Standard deviation of the sum of all masses [kg]."""
-        masses = self.space.adds_mass
+        masses = adds_mass(self.space)
         return float(np.sqrt(masses @ covariance @ masses))
 
     def longer(self, asked: IntArray, log_s: float) -> float | None:

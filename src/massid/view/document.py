@@ -105,7 +105,10 @@ _UNCERTAINTY = _Object(
     {
         "chi2_per_sample": _NUMBER,
         "nuisances": _Map(
-            _Object({"unit": _TEXT, "estimate": _NUMBER, "std": _NUMBER, "prior_std": _POSITIVE}, {"nominal": _NUMBER})
+            _Object(
+                {"unit": _TEXT, "estimate": _NUMBER, "std": _NUMBER, "prior_std": _POSITIVE},
+                {"nominal": _NUMBER, "kind": _TEXT, "title": _TEXT, "label": _TEXT, "log": _NUMBER},
+            )
         ),
     },
     {"noise": _Map(_NUMBER)},
