@@ -18,11 +18,10 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from massid import IdentifyOptions, weigh
 from massid.assets import resolve_model
-from massid.identify import IdentifyOptions, identify_online
 from massid.log import read_walk
 from massid.model.robot import Robot
-from massid.model.unknowns.spaces import mass_space
 from massid.plant import record_walk
 from massid.score import Truth, score
 from massid.search.directions import DirectionName
@@ -71,13 +70,14 @@ def run(bench: Bench, seed: int) -> Outcome:
         record_walk(resolve_model(bench.robot), path, bench.seconds, gait=bench.gait, seed=seed)
     walk = read_walk(path)
     robot = Robot.load(resolve_model(bench.robot))
-    space = mass_space(robot, robot.walking_links())
+    links = robot.walking_links()
     truth = Truth.load(path.with_suffix(".truth.json"))
-    initial = np.linalg.norm([truth.mass_kg[p.target] - p.nominal for p in space.parameters])
+    initial = np.linalg.norm([truth.mass_kg[link] - robot.nominal_mass_kg(link) for link in links])
     errors = {}
     for direction in bench.directions:
         options = IdentifyOptions(threads=1, seed=seed, search=SearchOptions(direction=direction))
-        errors[direction] = score(identify_online(walk, robot, space, options), truth).l2_error_kg.tolist()
+        result = weigh(walk, robot, links, mode="online", held_out=0.0, checks=False, options=options)
+        errors[direction] = score(result, truth).l2_error_kg.tolist()
     return Outcome(seed, walk.duration_s, walk.metadata.get("end") == "fell", float(initial), errors)
 
 

@@ -19,6 +19,7 @@ from bench_robots import Bench, walk
 from massid.assets import resolve_model
 from massid.audit import audit_walk, prepare_walk
 from massid.identify import IdentifyOptions, identify_offline
+from massid.identify.prepare import prepare_logs
 from massid.log import TopicMap, read_walk
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
@@ -30,10 +31,13 @@ FOLDER = Path("bench_lag")
 CASES = ((1, 0.0), (1, 0.001), (2, 0.0), (2, 0.001), (2, 0.0033), (2, -0.0007))
 
 
+CLEAN = IdentifyOptions(noise="clean", passes=5)
+
+
 def error(log: Walk, robot: Robot, links: tuple[str, ...], truth: FloatArray) -> float:
     """L2 mass error after an offline identification [kg]."""
-    space = mass_space(robot, links)
-    result = identify_offline(log, robot, space, IdentifyOptions(noise="clean", passes=5))
+    (prepared,) = prepare_logs([log], robot, mass_space(robot, links), CLEAN)
+    result = identify_offline([prepared], robot, CLEAN)
     return float(np.linalg.norm(result.estimate[: len(truth)] - truth))
 
 

@@ -18,9 +18,8 @@ import mujoco
 import numpy as np
 
 from bench_robots import LINKS, Bench, walk
-from massid.audit import prepare_walk
+from massid import IdentifyOptions, weigh
 from massid.errors import LogError
-from massid.identify import IdentifyOptions, identify_online
 from massid.log import TopicMap, load_topics
 from massid.model.robot import Robot
 from massid.typing import FloatArray
@@ -188,6 +187,9 @@ WRITERS: dict[str, tuple[Write, Callable[[str], str]]] = {
 }
 
 
+CLEAN = IdentifyOptions(noise="clean")
+
+
 def main() -> None:
     """Every preset: once with wrenches, once without."""
     for preset, (write, topic) in WRITERS.items():
@@ -197,6 +199,7 @@ def main() -> None:
             extra = tuple(n for n in topics.joints.names if n != "-" and n not in robot.joint_names)
             topics = replace(topics, joints=replace(topics.joints, ignore=extra))
         recorded, motion, space, truth = walk(robot, Bench(seconds=5.5))
+        links = [parameter.target for parameter in space.parameters]
         for with_wrench in (True, False):
             log = RosLog(FOLDER / f"{preset}_{with_wrench}", DEFINITIONS)
             messages = Messages(log, recorded, topics)
@@ -207,15 +210,15 @@ def main() -> None:
                     messages.wrenches(k, stamp, topic)
             path = log.close()
             try:
-                prepared = prepare_walk(path, robot, topics)
+                result = weigh(
+                    path, robot, links, topics=topics, mode="online", held_out=0.0, checks=False, options=CLEAN
+                )
             except LogError as error:
                 sys.stdout.write(f"{preset}: {error}\n")
                 continue
-            options = IdentifyOptions(noise="clean")
-            result = identify_online(prepared.walk, prepared.robot, space, options)
             before = float(np.linalg.norm(space.nominal - truth))
             after = float(np.linalg.norm(result.estimate[:LINKS] - truth))
-            said = [w.partition(": ")[2] for w in prepared.walk.warnings if "checksum" not in w]
+            said = [w.partition(": ")[2] for w in result.warnings if "checksum" not in w]
             sys.stdout.write(f"{preset}: {motion}, {before:.2f} -> {after:.2g} kg, {result.status}; {said}\n")
             sys.stdout.flush()
 

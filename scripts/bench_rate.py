@@ -15,11 +15,10 @@ from pathlib import Path
 import numpy as np
 
 from accuracy.walks import cut
+from massid import IdentifyOptions, weigh
 from massid.assets import resolve_model
-from massid.identify import IdentifyOptions, identify_offline
 from massid.log import read_walk
 from massid.model.robot import Robot
-from massid.model.unknowns.spaces import mass_space
 from massid.plant import sensors_of, truth_path
 from massid.score import Truth, score
 from massid.typing import FloatArray
@@ -51,13 +50,13 @@ def decimated(walk: Walk, stride: int) -> Walk:
 def main(paths: list[Path]) -> None:
     """Print one line a rate."""
     robot = Robot.load(resolve_model("atlas"))
-    space = mass_space(robot, robot.walking_links())
     for stride in STRIDES:
         found: list[tuple[float, float]] = []
         for seed, path in enumerate(paths):
             walk = decimated(robot.align(cut(read_walk(path), 0.0, SECONDS)), stride)
             noisy = sensors_of(walk, "white", seed).measure(walk)
-            result = identify_offline(noisy, robot, space, IdentifyOptions(noise="white", other_links=0.0))
+            options = IdentifyOptions(noise="white", other_links=0.0)
+            result = weigh(noisy, robot, mode="offline", held_out=0.0, checks=False, options=options)
             said = float(np.linalg.norm(list((result.std_kg or {}).values())))
             found.append((float(score(result, Truth.load(truth_path(path))).l2_error_kg[-1]), said))
         error, deviation = np.sqrt(np.mean(np.square(np.array(found)), axis=0))

@@ -21,8 +21,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from massid.audit import prepare_walk
-from massid.identify import IdentifyOptions, identify_online
+from massid import weigh
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
 from massid.plant import MassErrors
@@ -113,15 +112,14 @@ def identify(
 ) -> Outcome:
     """Log through rosbags, read back, identify, save and load the model."""
     path = write_ros2(recorded, bench.folder / name.replace(" ", "_").replace(",", "") / "bag")
-    prepared = prepare_walk(path, recorded.robot)
-    options = IdentifyOptions(noise="clean" if prepared.audit.clean else "auto")
-    result = identify_online(prepared.walk, prepared.robot, space, options)
+    links = [parameter.target for parameter in space.parameters]
+    result = weigh(path, recorded.robot, links, mode="online", held_out=0.0, checks=False)
     errors = [float(np.linalg.norm(window.estimate[:LINKS] - truth)) for window in result.windows][:WINDOWS]
     saved = bench.folder / "saved" / f"{name.replace(' ', '_')}.xml"
     saved.parent.mkdir(parents=True, exist_ok=True)
-    recorded.robot.write_mjcf(space, result.estimate, saved)
+    result.save_model(saved)
     Robot.load(saved)
-    warnings = tuple(w.partition(": ")[2] for w in prepared.walk.warnings if "checksum" not in w)
+    warnings = tuple(w.partition(": ")[2] for w in result.warnings if "checksum" not in w)
     return Outcome(
         name, motion, recorded.landings, len(recorded.wrenches), recorded.self_contact_samples,
         float(np.linalg.norm(space.nominal - truth)), errors[-1], len(errors), str(result.status), warnings,

@@ -19,14 +19,12 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from massid import ExactSensors, IdentifyOptions, SearchOptions, weigh
 from massid.assets import resolve_model, sample_walk
-from massid.identify import IdentifyOptions, identify_online
-from massid.identify.assembly import assemble
-from massid.identify.online import BLOCK_STEPS
 from massid.log import read_walk
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
-from massid.observer.replay import replay_block, split
+from massid.observer.replay import replay_block
 from massid.search.monitoring import MonitoringFilter
 from massid.search.proposal import Proposal, Role
 from massid.walk import Segment
@@ -69,18 +67,14 @@ def main(bench: Bench) -> None:
 
     table = Table("threads", "raw mj_step [us]", "bank per model step [us]", "bound / bank")
     for threads in (1, 2):
-        options = IdentifyOptions(threads=threads, bank_size=bench.bank_size)
-        bank = assemble(robot, space, walk.contact_bodies, walk.timestep_s, None, options).bank
+        bank = ExactSensors().bank(robot, space, walk.contact_bodies, walk.timestep_s, bench.bank_size, threads)
         bank.place(points)
 
         def replay(bank=bank) -> float:  # type: ignore[no-untyped-def]
             scores = MonitoringFilter(bench.bank_size, walk.timestep_s)
             start = time.perf_counter()
-            for part in split(window, BLOCK_STEPS):
-                block = replay_block(walk, robot.layout, part)
-                if part.start == window.start:
-                    bank.restart(block)
-                scores.update(bank.advance(block))
+            for _, errors in bank.replay(walk, window):
+                scores.update(errors)
             scores.result(proposal)
             return (time.perf_counter() - start) / STEPS
 
@@ -92,18 +86,11 @@ def main(bench: Bench) -> None:
         )
     console = Console(highlight=False)
     console.print(table)
-    result = identify_online(walk, robot, space)
+    result = weigh(walk, robot, mode="online", held_out=0.0, checks=False)
     console.print(f"identify until converged: {result.wall_s:.2f} s for {result.log_s:.1f} s of walking")
-    start = time.perf_counter()
-    identify_online(walk, robot, space, _never_ending())
-    elapsed_s = time.perf_counter() - start
-    console.print(f"identify, every window of the log: {elapsed_s:.2f} s for {walk.duration_s:.1f} s of walking")
-
-
-def _never_ending() -> IdentifyOptions:
-    from massid.search.guided import SearchOptions
-
-    return IdentifyOptions(search=SearchOptions(step_tolerance=0.0))
+    never_ending = IdentifyOptions(search=SearchOptions(step_tolerance=0.0))
+    whole = weigh(walk, robot, mode="online", held_out=0.0, checks=False, options=never_ending)
+    console.print(f"identify, every window of the log: {whole.wall_s:.2f} s for {walk.duration_s:.1f} s of walking")
 
 
 if __name__ == "__main__":

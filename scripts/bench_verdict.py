@@ -26,14 +26,14 @@ from accuracy.along import STEPS, Curve, mu_along, n_models
 from accuracy.case import Case
 from accuracy.methods import options_of
 from accuracy.walks import Given, prepare
+from massid import Weighing
 from massid.errors import MassidError
-from massid.identify.assembly import assemble
-from massid.identify.sensing import with_nuisances
-from massid.judge.foresee import REFERENCE, foresee
+from massid.identify.prepare import prepare_logs
+from massid.judge.foresee import REFERENCE
 from massid.observer.blas import single_threaded
 from massid.result.verdict import Verdict
 from massid.typing import FloatArray
-from massid.walk.noise import PRESETS, NoisePreset
+from massid.walk.noise import NoisePreset
 
 SETTLING_S = 0.5
 """Left out at the beginning: the feet meet the floor, and that shakes every link."""
@@ -90,7 +90,8 @@ def main(bench: Bench) -> None:
         for preset in bench.presets:
             case = Case("verdict", "offline", robot, preset, "none", 0.0, bench.seconds, bench.seed, gait=bench.gait)
             given = prepare(case, bench.logs, SETTLING_S + bench.seconds, SETTLING_S)
-            verdict = foresee(given.noisy, given.robot, given.space, options_of(case, bench.threads))
+            options = options_of(case, bench.threads)
+            verdict = Weighing.prepare(given.noisy, given.robot, given.links, held_out=0.0, options=options).foresee()
             lines = [worst_known(verdict), best_known(verdict)]
             for assumed in (REFERENCE, "clean") if preset == "clean" else (preset,):
                 curves = measure(
@@ -123,14 +124,10 @@ def best_known(verdict: Verdict) -> Line:
 
 def measure(case: Case, given: Given, directions: list[FloatArray], threads: int) -> list[Curve]:
     """Curves of mu through the true masses, with the noise that the case says, or none."""
-    noise = None if case.preset == "clean" else PRESETS[case.preset]
-    options = replace(options_of(case, threads), bank_size=n_models(len(directions)))
-    space = given.space
-    if noise is not None:
-        space = with_nuisances(space, given.robot, given.noisy, noise, options)
-    walk = given.noisy
+    (log,) = prepare_logs([given.noisy], given.robot, given.space, options_of(case, threads))
+    walk, space, count = log.walk, log.space, n_models(len(directions))
     with single_threaded():
-        bank = assemble(given.robot, space, walk.contact_bodies, walk.timestep_s, noise, options).bank
+        bank = log.sensors.bank(given.robot, space, walk.contact_bodies, walk.timestep_s, count, threads)
         return mu_along(walk, bank, space, given.truth(space), directions)
 
 

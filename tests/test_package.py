@@ -52,12 +52,12 @@ SEES: dict[str, set[str]] = {
     "view": {"model", "result", "score", "search", "walk"},
     "paper": {
         *("assets", "identify", "log", "model", "observer", "plant", "result", "score", "search", "systems", "view"),
-        *("walk", "walking"),
+        *("walk", "walking", "weighing"),
     },
 }
 """What each room may know of those before it: data flows one way, and truth never reaches identification."""
 
-DOORS = {"__init__", "__main__", "cli"}
+DOORS = {"__init__", "__main__", "cli", "weighing"}
 """They may know every room."""
 
 
@@ -128,7 +128,9 @@ def test_every_room_imports_only_what_it_may(path: Path) -> None:
 def test_rooms_know_each_other_in_one_direction() -> None:
     order = list(SEES)
     for room, known in SEES.items():
-        assert all(order.index(other) < order.index(room) for other in known), f"{room} knows a room after it"
+        assert all(other in DOORS or order.index(other) < order.index(room) for other in known), (
+            f"{room} knows a room after it"
+        )
 
 
 def test_only_the_score_reads_the_truth() -> None:
@@ -161,4 +163,4 @@ def test_the_readmes_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
     names: dict[str, object] = {}
     for block in blocks:  # a later block goes on from an earlier one, as a reader does
         exec(block, names)
-    assert "torso: 67.86 kg" in capsys.readouterr().out
+    assert "'torso': 67.86" in capsys.readouterr().out

@@ -9,17 +9,14 @@ import numpy as np
 from scipy.linalg import null_space
 
 from massid.observer.bank import RobotBank
-from massid.observer.replay import replay_block, split
-from massid.observer.spans import Spans
 from massid.search.monitoring import MonitoringFilter
 from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal, Role
 from massid.typing import FloatArray
-from massid.walk import Segment, Walk
+from massid.walk import Walk
 
 STEPS = (-0.2, -0.1, -0.05, 0.05, 0.1, 0.2)
 """Where models are placed along a direction, in relative masses."""
-_BLOCK_STEPS = 50
 
 
 @dataclass(frozen=True)
@@ -80,15 +77,10 @@ def mu_along(
 def _replay(walk: Walk, bank: RobotBank, points: FloatArray) -> FloatArray:
     """Gram matrix of all models' output errors and their derivatives over the whole log."""
     scores = MonitoringFilter(bank.n_models, bank.timestep_s)  # all of the log counts: nothing is forgotten
-    look_ahead = Spans.at(walk.timestep_s).look_ahead
     bank.place(points)
     for segment in walk.segments:
-        for part in split(segment, _BLOCK_STEPS):
-            ahead = Segment(part.stop - 1, min(part.stop + look_ahead, segment.stop))
-            block = replay_block(walk, bank.robot.layout, part, ahead)
-            if part.start == segment.start:
-                bank.restart(block)
-            scores.update(bank.advance(block))
+        for _, errors in bank.replay(walk, segment):
+            scores.update(errors)
     proposal = Proposal(points, (Role.CENTRE, *[Role.SAMPLE] * (len(points) - 1)))
     return scores.result(proposal).gram
 

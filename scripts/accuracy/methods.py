@@ -12,10 +12,9 @@ from scipy.stats import chi2
 from accuracy.case import Case, Method
 from accuracy.sysid import weigh_by_chunks, weigh_by_observer
 from accuracy.walks import Given
+from massid import IdentifyOptions, weigh
 from massid.compare import cramer_rao, scan_cutoffs, self_chosen
-from massid.identify import IdentifyOptions, identify_offline, identify_online
 from massid.identify.sensing import with_nuisances
-from massid.judge.foresee import foresee
 from massid.observer.blas import single_threaded
 from massid.result.posterior import INTERVAL_95
 from massid.result.result import Result
@@ -50,9 +49,15 @@ def _all_unknowns(case: Case, given: Given, walk: Walk) -> ParameterSpace:
 
 
 def _massid(case: Case, given: Given, threads: int) -> dict[str, Any]:
-    identify = identify_online if case.method == "online" else identify_offline
-    options = options_of(case, threads)
-    result = identify(given.noisy, given.robot, given.space, options)
+    result = weigh(
+        given.noisy,
+        given.robot,
+        given.links,
+        mode="online" if case.method == "online" else "offline",
+        held_out=0.0,
+        checks=case.part == "verdict",
+        options=options_of(case, threads),
+    )
     error = result.estimate - given.truth(given.space)
     found = {
         "l2_kg": float(np.linalg.norm(error)),
@@ -63,7 +68,8 @@ def _massid(case: Case, given: Given, threads: int) -> dict[str, Any]:
         "wall_s": result.wall_s,
     }
     if case.part == "verdict":
-        verdict = foresee(given.noisy, given.robot, given.space, options)
+        verdict = result.verdict
+        assert verdict is not None  # asked for by `checks`
         found |= {"predicted_std_kg": verdict.std.tolist(), "hidden": list(verdict.hidden)}
     return found | _belief(result, error)
 

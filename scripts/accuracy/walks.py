@@ -49,6 +49,11 @@ class Given:
     space: ParameterSpace
     true_kg: dict[str, float]
 
+    @property
+    def links(self) -> list[str]:
+        """The links that are asked for."""
+        return [parameter.target for parameter in self.space.parameters]
+
     def truth(self, space: ParameterSpace) -> FloatArray:
         """True masses and zero sensor errors, shape (n_p,)."""
         return np.array([self.true_kg[p.target] if isinstance(p, Mass) else 0.0 for p in space.parameters])

@@ -46,6 +46,12 @@ class FallError(MassidError):
     exit_code: ClassVar[int] = 4
 
 
+class StoppedError(MassidError):
+    """Work was stopped before it found anything."""
+
+    exit_code: ClassVar[int] = 130
+
+
 def printable(text: str) -> str:
     """Put a text on one line without control characters: names out of damaged files can hold anything."""
     line = " ".join(text.split())

@@ -12,13 +12,16 @@ import pytest
 from massid.audit import prepare_walk
 from massid.audit.limits import limit_suspicions
 from massid.identify import IdentifyOptions, identify_offline
-from massid.identify.sensing import resolve_noise
+from massid.identify.prepare import prepare_logs
+from massid.identify.sensing import read_noise
 from massid.log import WalkWriter
 from massid.model.robot import Robot
 from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, Sensors
 from massid.walk.refine import refined
+from massid.weighing import weigh
 from tests.conftest import Pushed
+from tests.pushed_robot import LINKS, stamped_late
 
 
 def write(walk: Walk, path: Path) -> Path:
@@ -30,7 +33,9 @@ def write(walk: Walk, path: Path) -> Path:
 
 
 def error_kg(walk: Walk, pushed: Pushed) -> float:
-    result = identify_offline(walk, pushed.robot, pushed.space, IdentifyOptions(noise="clean", passes=6))
+    """Of a walk that is taken as it is."""
+    options = IdentifyOptions(noise="clean", passes=6)
+    result = identify_offline(prepare_logs([walk], pushed.robot, pushed.space, options), pushed.robot, options)
     return float(np.linalg.norm(result.estimate[: len(pushed.truth)] - pushed.truth))
 
 
@@ -49,6 +54,14 @@ def test_a_lag_is_found_taken_off_and_said(pushed: Pushed, tmp_path: Path) -> No
     prepared = prepare_walk(write(late, tmp_path / "walk.mcap"), pushed.robot)
     assert any("torques are stamped +3.00 ms and wrenches +3.00 ms late" in line for line in prepared.walk.warnings)
     assert error_kg(prepared.walk, pushed) < 1e-3 * error_kg(replace(late, segments=(Segment(3, len(late)),)), pushed)
+
+
+def test_a_late_walk_in_memory_is_weighed_as_if_it_had_been_in_time(pushed: Pushed) -> None:
+    """Whoever calls the library gets what the command line gives."""
+    late = stamped_late(pushed.walk, 3e-3, 3e-3)
+    result = weigh(late, pushed.robot, list(LINKS), held_out=0.0, checks=False)
+    assert np.linalg.norm(result.estimate - pushed.truth) < 1e-9
+    assert any("stamped +3.00 ms and wrenches +3.00 ms late" in line for line in result.warnings)
 
 
 def _slow(pushed: Pushed) -> Walk:
@@ -87,7 +100,7 @@ def test_a_slow_log_with_noise_is_left_as_it_is(pushed: Pushed, tmp_path: Path) 
     prepared = prepare_walk(write(sensors.measure(slow), tmp_path / "walk.mcap"), pushed.robot)
     assert prepared.walk.timestep_s == pytest.approx(2e-3)
     assert any("nothing was put between its samples" in line for line in prepared.walk.warnings)
-    noise = resolve_noise(prepared.walk, prepared.robot, IdentifyOptions())
+    noise = read_noise(prepared.walk, prepared.robot)
     assert noise is not None
     assert noise.joint_velocity == pytest.approx(PRESETS["white"].joint_velocity, rel=0.2)
 

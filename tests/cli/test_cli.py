@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import ast
 import errno
 import json
 import math
@@ -16,6 +17,7 @@ import pytest
 
 from massid.assets import sample_walk
 from massid.cli import INTERRUPTED, main
+from massid.cli.flags import in_flags
 from massid.identify.options import IdentifyOptions, idle_options
 from massid.log import WalkWriter, read_walk
 from massid.model.robot import Robot
@@ -25,6 +27,7 @@ from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, XML
 
 ROBOT_LINKS = ",".join(LINKS)
+SOURCE = Path(__file__).resolve().parents[2] / "src" / "massid"
 
 
 def write_walk(path: Path, walk: Walk, contacts: tuple[str, ...] | None = None) -> Path:
@@ -239,7 +242,7 @@ def unjudged(monkeypatch: pytest.MonkeyPatch) -> None:
     def foresee(*_: object) -> None:
         raise AssertionError("judged already")
 
-    monkeypatch.setattr("massid.judge.foresee.foresee", foresee)
+    monkeypatch.setattr("massid.weighing.foresee", foresee)
 
 
 @pytest.mark.parametrize("mode", ["online", "offline"])
@@ -367,9 +370,27 @@ def test_an_interrupt_while_loading_is_one_line() -> None:
 
 def test_options_that_a_log_has_no_use_for_are_named() -> None:
     options = IdentifyOptions(bandwidth_rad_s=30.0, lag_s=0.0)
-    assert idle_options(options, noisy=True) == ("--bandwidth-rad-s has no effect on a noisy log.",)
-    assert idle_options(options, noisy=False) == ("--lag-s has no effect on a clean log.",)
+    assert idle_options(options, noisy=True) == ("`bandwidth_rad_s` has no effect on a noisy log.",)
+    assert idle_options(options, noisy=False) == ("`lag_s` has no effect on a clean log.",)
     assert idle_options(IdentifyOptions(), noisy=True) == ()
+
+
+def test_what_the_library_says_of_its_options_is_printed_as_flags() -> None:
+    said = "use a shorter `dwell_s`, `mode=offline` or `noise`; `locked` is a word of topic maps"
+    assert in_flags(said) == "use a shorter --dwell-s, --mode offline or --noise; `locked` is a word of topic maps"
+
+
+def test_the_library_names_no_flags() -> None:
+    """What it says reads well in Python, too: only the command line, and what runs it, write dashes."""
+    rooms = ("audit", "compare", "identify", "judge", "log", "model", "observer", "search", "walk")
+    paths = [path for room in rooms for path in (SOURCE / room).rglob("*.py")] + [SOURCE / "weighing.py"]
+    strings = [
+        node.value
+        for path in paths
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+    assert not [text for text in strings if re.search(r"(^|[\s(])--[a-z]", text)]
 
 
 @pytest.mark.parametrize("command", ["demo", "record", "identify", "report", "view", "links"])

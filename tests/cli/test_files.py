@@ -87,9 +87,10 @@ def test_no_command_writes_over_what_it_reads_or_writes(
 def test_the_shipped_model_that_made_a_log_is_not_overwritten(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("massid.cli.identify.find_model_by_hash", lambda _: folder / "robot.xml")
+    monkeypatch.setattr("massid.cli.identify.shipped_models", lambda: {"robot": folder / "robot.xml"})
+    monkeypatch.setattr("massid.weighing.find_model_by_hash", lambda _: folder / "robot.xml")
     assert main(["identify", "walk.mcap", "--save-model", "robot.xml"]) == 2
-    assert "robot.xml is the model (--model) itself" in capsys.readouterr().err
+    assert "robot.xml is a shipped model itself" in capsys.readouterr().err
 
 
 def test_checking_changes_nothing(folder: Path) -> None:

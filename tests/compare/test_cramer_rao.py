@@ -8,7 +8,7 @@ import pytest
 from massid.compare import Bound, cramer_rao
 from massid.compare.sensitivity import SensitivityRecursion
 from massid.errors import BadInputError
-from massid.identify import IdentifyOptions, identify_offline
+from massid.identify import IdentifyOptions
 from massid.model.unknowns.bodies import InertiaScale
 from massid.model.unknowns.lags import EffortLag, WrenchLag
 from massid.model.unknowns.sensors import EffortOffset, EncoderOffset, WrenchGain, WrenchOffset
@@ -17,6 +17,7 @@ from massid.search.parameters import Parameter, ParameterSpace
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, SensorNoise, Sensors
 from tests.conftest import Pushed
+from tests.weighed import weigh_offline
 
 WHITE = PRESETS["white"]
 
@@ -62,7 +63,7 @@ def test_the_bound_is_what_the_estimator_expects_of_itself(pushed: Pushed) -> No
     walk = _first(pushed.walk, 1201)
     noisy = Sensors(WHITE, len(walk.joint_names), walk.contact_bodies, np.random.default_rng(1)).measure(walk)
     options = IdentifyOptions(noise="white", other_links=0.0, link_inertia=0.0, lag_s=0.0, dwell_s=0.3, passes=3)
-    uncertainty = identify_offline(noisy, pushed.robot, pushed.space, options).uncertainty
+    uncertainty = weigh_offline(noisy, pushed.robot, pushed.space, options).uncertainty
     assert uncertainty is not None
     expected = np.sqrt(np.diagonal(uncertainty.covariance) / uncertainty.inflation)
     bound = cramer_rao(walk, pushed.robot, pushed.space, pushed.truth, WHITE, gate=False)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError, LogError
-from massid.identify import IdentifyOptions, OnlineIdentifier, identify_offline, identify_online
+from massid.identify import IdentifyOptions, OnlineIdentifier
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
 from massid.result import Status
@@ -20,6 +20,7 @@ from massid.search.guided import SearchOptions
 from massid.walk import Segment, Walk
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
+from tests.weighed import weigh_offline, weigh_online
 
 SHORT = IdentifyOptions(dwell_s=0.25)
 
@@ -30,20 +31,20 @@ def test_online_finds_seven_masses_in_six_windows(seed: int) -> None:
     space = mass_space(robot, LINKS)
     truth = draw_truth(space, seed, relative_error=0.25)
     walk = push_about(robot, space, truth, seconds=1.6, seed=seed)
-    result = identify_online(walk, robot, space, replace(SHORT, seed=seed))
+    result = weigh_online(walk, robot, space, replace(SHORT, seed=seed))
     assert result.status is Status.CONVERGED
     assert np.linalg.norm(result.estimate - truth) < 1e-6  # kg, from 5.8 kg on noise-free data
 
 
 def test_offline_finds_them_in_one_window_of_data(pushed: Pushed) -> None:
-    result = identify_offline(_cut(pushed.walk, 510), pushed.robot, pushed.space, replace(SHORT, dwell_s=0.5))
+    result = weigh_offline(_cut(pushed.walk, 510), pushed.robot, pushed.space, replace(SHORT, dwell_s=0.5))
     assert result.status is Status.CONVERGED
     assert np.linalg.norm(result.estimate - pushed.truth) < 1e-6
 
 
 def test_the_papers_direction_gets_closer_in_every_few_windows(pushed: Pushed) -> None:
     options = replace(SHORT, search=SearchOptions(direction="gradient"))
-    result = identify_online(pushed.walk, pushed.robot, pushed.space, options)
+    result = weigh_online(pushed.walk, pushed.robot, pushed.space, options)
     errors = [np.linalg.norm(window.estimate - pushed.truth) for window in result.windows]
     assert errors[-1] < np.linalg.norm(pushed.space.nominal - pushed.truth)
     assert result.status is Status.NOT_CONVERGED
@@ -55,7 +56,7 @@ def test_streaming_and_log_agree_and_threads_do_not_matter(pushed: Pushed) -> No
     )
     for sample in pushed.walk.samples():
         streamed.push(sample)
-    from_log = identify_online(pushed.walk, pushed.robot, pushed.space, replace(SHORT, threads=2))
+    from_log = weigh_online(pushed.walk, pushed.robot, pushed.space, replace(SHORT, threads=2))
     np.testing.assert_array_equal(streamed.estimate, from_log.estimate)
 
 
@@ -71,7 +72,7 @@ def test_no_window_crosses_a_gap(pushed: Pushed) -> None:
         wrench=pushed.walk.wrench[keep],
         segments=(Segment(0, 400), Segment(400, 1400)),
     )
-    for identify in (identify_online, identify_offline):
+    for identify in (weigh_online, weigh_offline):
         result = identify(walk, pushed.robot, pushed.space, SHORT)
         assert np.linalg.norm(result.estimate - pushed.truth) < 1e-6
 
@@ -98,7 +99,7 @@ def test_a_robot_at_rest_in_the_air_reveals_nothing() -> None:
         wrench=np.zeros((n, 2, 6)),
         timestep_s=0.001,
     )
-    result = identify_online(walk, robot, space, SHORT)
+    result = weigh_online(walk, robot, space, SHORT)
     assert result.status is Status.NOT_IDENTIFIABLE
     assert not result.excitation.identifiable.any()
 
@@ -111,14 +112,14 @@ def test_excitation_names_the_combination_that_cannot_be_told_apart(pushed: Push
 
 
 def test_a_log_shorter_than_a_window_is_refused(pushed: Pushed) -> None:
-    for identify in (identify_online, identify_offline):
+    for identify in (weigh_online, weigh_offline):
         with pytest.raises(LogError, match=r"do not fill one dwell window of 0\.25 s"):
             identify(_cut(pushed.walk, 200), pushed.robot, pushed.space, SHORT)
 
 
 def test_too_many_unknowns_for_the_bank(pushed: Pushed) -> None:
     with pytest.raises(BadInputError, match="A bank of 7 models serves at most 6 unknowns"):
-        identify_online(pushed.walk, pushed.robot, pushed.space, replace(SHORT, bank_size=7))
+        weigh_online(pushed.walk, pushed.robot, pushed.space, replace(SHORT, bank_size=7))
 
 
 @pytest.mark.parametrize("field", ["bank_size", "dwell_s", "bandwidth_rad_s"])
@@ -128,7 +129,7 @@ def test_options_must_be_positive(field: str) -> None:
 
 
 def test_json_has_truth_only_when_scored(pushed: Pushed, tmp_path: Path) -> None:
-    result = identify_online(pushed.walk, pushed.robot, pushed.space, SHORT)
+    result = weigh_online(pushed.walk, pushed.robot, pushed.space, SHORT)
     document = result.to_json()
     assert "true_kg" not in json.dumps(document)
     truth = Truth(dict(zip(LINKS, pushed.truth.tolist(), strict=True)))
@@ -141,7 +142,7 @@ def test_json_has_truth_only_when_scored(pushed: Pushed, tmp_path: Path) -> None
 
 
 def test_a_truth_file_without_the_link_is_named(pushed: Pushed) -> None:
-    result = identify_online(pushed.walk, pushed.robot, pushed.space, SHORT)
+    result = weigh_online(pushed.walk, pushed.robot, pushed.space, SHORT)
     with pytest.raises(BadInputError, match="no link named 'torso'"):
         score(result, Truth({"pelvis": 1.0}, source="walk.truth.json"))
 
@@ -157,7 +158,7 @@ def test_identification_imports_neither_plant_nor_truth() -> None:
 
 
 def test_identified_model_explains_the_log(pushed: Pushed, tmp_path: Path) -> None:
-    result = identify_online(pushed.walk, pushed.robot, pushed.space, SHORT)
+    result = weigh_online(pushed.walk, pushed.robot, pushed.space, SHORT)
     pushed.robot.write_mjcf(pushed.space, result.estimate, tmp_path / "identified.xml")
     identified = Robot.load(tmp_path / "identified.xml")
     saved = [identified.nominal_mass_kg(link) for link in LINKS]
@@ -176,7 +177,7 @@ def _cut(walk: Walk, n: int) -> Walk:
     )
 
 
-@pytest.mark.parametrize("identify", [identify_online, identify_offline])
+@pytest.mark.parametrize("identify", [weigh_online, weigh_offline])
 def test_links_that_were_not_named_but_are_wrong_are_told(identify, pushed: Pushed) -> None:
     some = mass_space(pushed.robot, LINKS[:-1])
     assert any(
@@ -186,4 +187,4 @@ def test_links_that_were_not_named_but_are_wrong_are_told(identify, pushed: Push
 
 
 def test_a_search_that_is_still_far_off_accuses_no_link(pushed: Pushed) -> None:
-    assert not identify_online(_cut(pushed.walk, 260), pushed.robot, pushed.space, SHORT).warnings
+    assert not weigh_online(_cut(pushed.walk, 260), pushed.robot, pushed.space, SHORT).warnings

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from massid.identify import IdentifyOptions, identify_offline
-from massid.judge.foresee import foresee
+from massid.identify import IdentifyOptions
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space, parameter_space
 from massid.result import Status
@@ -19,6 +18,7 @@ from massid.typing import FloatArray
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, Sensors
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
+from tests.weighed import verdict_on, weigh_offline
 
 FRICTION_NM, DAMPING = 1.5, 0.8
 UNKNOWN_NM, RUBBING = 0.5, ("l_knee", "r_hip_pitch")
@@ -57,7 +57,7 @@ def test_friction_and_damping_are_found_beside_the_masses(log: tuple[Walk, Float
     walk, masses_kg = log
     space = parameter_space(NOMINAL, LINKS, ["friction/l_knee", "damping/l_hip_pitch", "damping/r_hip_pitch"])
     options = IdentifyOptions(dwell_s=0.2, noise="clean", bank_size=enough_models(len(space)))
-    result = identify_offline(walk, NOMINAL, space, options)
+    result = weigh_offline(walk, NOMINAL, space, options)
     expected = [*masses_kg, FRICTION_NM, DAMPING, DAMPING]
     np.testing.assert_allclose(result.estimate, expected, atol=1e-6)  # kg, N m, N m s/rad
     assert result.status is Status.CONVERGED
@@ -82,7 +82,7 @@ def test_friction_and_damping_are_found_in_a_noisy_log(seed: int, rubbing: tuple
     wanted = [f"friction/{joint}" for joint in (*RUBBING, "l_ankle")]
     space = parameter_space(nominal, LINKS, [*wanted, "damping/l_hip_pitch"])
     options = IdentifyOptions(dwell_s=0.2, noise="white", other_links=0.0, link_inertia=0.0, lag_s=0.0)
-    result = identify_offline(measured, nominal, space, options)
+    result = weigh_offline(measured, nominal, space, options)
     found = result.uncertainty
     assert found is not None
     error = result.estimate - np.array([*masses_kg, UNKNOWN_NM, UNKNOWN_NM, 0.0, DAMPING])
@@ -90,7 +90,7 @@ def test_friction_and_damping_are_found_in_a_noisy_log(seed: int, rubbing: tuple
     assert error @ np.linalg.solve(found.covariance, error) < 2.0 * len(space)
     assert np.all(found.std[len(LINKS) :] < 0.1)  # N m, N m s/rad
     assert all(quantity.identifiable for quantity in result.quantities)
-    blamed = identify_offline(measured, nominal, mass_space(nominal, LINKS), options)
+    blamed = weigh_offline(measured, nominal, mass_space(nominal, LINKS), options)
     assert np.linalg.norm(blamed.estimate - masses_kg) > 1.5 * np.linalg.norm(error[: len(LINKS)])
 
 
@@ -104,5 +104,5 @@ def test_the_verdict_foresees_how_well_friction_is_known_in_a_noisy_log(rubbing:
     qpos[:, 7 + joint], qvel[:, 6 + joint] = 0.0, 0.0
     nominal = make_robot()
     space = parameter_space(nominal, LINKS, ["friction/l_knee", f"friction/{still}"])
-    verdict = foresee(replace(measured, qpos=qpos, qvel=qvel), nominal, space, options)
+    verdict = verdict_on(replace(measured, qpos=qpos, qvel=qvel), nominal, space, options)
     assert verdict.hidden_others == (f"friction/{still}",)

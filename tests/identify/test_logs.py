@@ -9,8 +9,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from massid.errors import BadInputError
-from massid.identify import IdentifyOptions, identify_offline, identify_online
-from massid.identify.logs import gather_logs, hand_over, join_spaces
+from massid.identify import IdentifyOptions
+from massid.identify.logs import hand_over, join_spaces
+from massid.identify.prepare import prepare_logs
 from massid.model.unknowns.unknown import unknowns_of
 from massid.result import Status
 from massid.search.parameters import ParameterSpace
@@ -19,6 +20,7 @@ from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, Sensors
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET
+from tests.weighed import weigh_offline, weigh_online
 
 CLEAN = IdentifyOptions(dwell_s=0.1, noise="clean")
 NOISY = IdentifyOptions(dwell_s=0.1, noise="realistic", passes=4)
@@ -42,7 +44,7 @@ def _measured(walk: Walk, seed: int) -> Walk:
     return Sensors(PRESETS["realistic"], walk.effort.shape[1], FEET, np.random.default_rng(seed)).measure(walk)
 
 
-@pytest.mark.parametrize("identify", [identify_online, identify_offline])
+@pytest.mark.parametrize("identify", [weigh_online, weigh_offline])
 def test_two_clean_halves_equal_the_whole_with_a_gap_at_the_border(identify, pushed: Pushed) -> None:
     # A border is a gap and nothing else: no parameter of a log without noise belongs to one of its walks.
     options = replace(CLEAN, search=replace(CLEAN.search, step_tolerance=0.0), passes=3)
@@ -60,15 +62,15 @@ def test_two_clean_halves_equal_the_whole_with_a_gap_at_the_border(identify, pus
 def test_logs_that_reveal_too_little_alone_are_enough_together(pushed: Pushed) -> None:
     options = replace(CLEAN, dwell_s=0.02, passes=5)
     short = [_part(pushed.walk, start, start + 25, str(start)) for start in (300, 700)]
-    alone = [identify_offline(walk, pushed.robot, pushed.space, options) for walk in short]
-    both = identify_offline(short, pushed.robot, pushed.space, options)
+    alone = [weigh_offline(walk, pushed.robot, pushed.space, options) for walk in short]
+    both = weigh_offline(short, pushed.robot, pushed.space, options)
     assert all(result.status is Status.NOT_IDENTIFIABLE for result in alone)
     assert both.status is Status.CONVERGED
     assert_allclose(both.estimate, pushed.truth, atol=1e-6)
 
 
 def test_sensor_errors_are_estimated_for_each_log(pushed: Pushed) -> None:
-    logs = gather_logs(
+    logs = prepare_logs(
         [_part(_measured(pushed.walk, seed), 0, 400, str(seed)) for seed in (1, 2)], pushed.robot, pushed.space, NOISY
     )
     joint = join_spaces(logs)
@@ -83,7 +85,7 @@ def test_sensor_errors_are_estimated_for_each_log(pushed: Pushed) -> None:
 
 def test_a_handed_over_belief_keeps_the_masses_marginal_and_forgets_the_sensors(pushed: Pushed) -> None:
     walk = _measured(pushed.walk, 1)
-    space = gather_logs(walk, pushed.robot, pushed.space, NOISY)[0].space
+    space = prepare_logs([walk], pushed.robot, pushed.space, NOISY)[0].space
     rng = np.random.default_rng(0)
     jacobian = rng.normal(size=(2 * len(space), len(space))) / space.scale
     learnt = LocalQuadratic(space.nominal, 1.0, rng.normal(size=len(space)), 2 * jacobian.T @ jacobian, 0.0, 0.0, 9)
@@ -103,8 +105,8 @@ def test_a_handed_over_belief_keeps_the_masses_marginal_and_forgets_the_sensors(
 
 def test_online_belief_about_masses_survives_the_border(pushed: Pushed) -> None:
     walks = [_part(_measured(pushed.walk, seed), 0, 800, str(seed)) for seed in (1, 2)]
-    first = identify_online(walks[0], pushed.robot, pushed.space, NOISY)
-    both = identify_online(walks, pushed.robot, pushed.space, NOISY)
+    first = weigh_online(walks[0], pushed.robot, pushed.space, NOISY)
+    both = weigh_online(walks, pushed.robot, pushed.space, NOISY)
     assert [window.index for window in both.windows] == list(range(len(both.windows)))
     assert np.all(both.windows[len(first.windows)].std < first.windows[-1].std)
 
@@ -112,9 +114,9 @@ def test_online_belief_about_masses_survives_the_border(pushed: Pushed) -> None:
 def test_clean_and_noisy_logs_do_not_mix(pushed: Pushed) -> None:
     walks = [pushed.walk, _measured(pushed.walk, 1)]
     with pytest.raises(BadInputError, match="one at a time"):
-        identify_online(walks, pushed.robot, pushed.space, replace(NOISY, noise="auto"))
+        weigh_online(walks, pushed.robot, pushed.space, replace(NOISY, noise="auto"))
     with pytest.raises(BadInputError, match="at least one"):
-        identify_online([], pushed.robot, pushed.space, NOISY)
+        weigh_online([], pushed.robot, pushed.space, NOISY)
 
 
 def test_sample_periods_and_contact_bodies_may_differ(pushed: Pushed) -> None:
@@ -125,5 +127,5 @@ def test_sample_periods_and_contact_bodies_may_differ(pushed: Pushed) -> None:
         contact_bodies=(*reversed(pushed.walk.contact_bodies), "torso"),
         wrench=np.concatenate([whole.wrench[:, ::-1], air], axis=1),
     )
-    result = identify_offline([whole, turned], pushed.robot, pushed.space, replace(CLEAN, passes=6))
+    result = weigh_offline([whole, turned], pushed.robot, pushed.space, replace(CLEAN, passes=6))
     assert_allclose(result.estimate, pushed.truth, atol=1e-6)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError
-from massid.identify import IdentifyOptions, identify_offline, identify_online
-from massid.identify.assembly import assemble
-from massid.identify.sensing import estimate_white_noise, resolve_noise
+from massid.identify import IdentifyOptions
+from massid.identify.sensing import estimate_white_noise, read_noise
 from massid.model.unknowns.spaces import mass_space
 from massid.observer.replay import replay_block
+from massid.observer.sensors import NoisySensors
 from massid.result import Status
 from massid.search.monitoring import MonitoringFilter
 from massid.search.proposal import Proposal, Role
@@ -19,6 +19,7 @@ from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, SensorNoise, Sensors, rotate
 from tests.conftest import Pushed
 from tests.pushed_robot import FEET, LINKS, cut, draw_truth, make_robot, push_about, stamped_late
+from tests.weighed import weigh_offline, weigh_online
 
 TRUE = PRESETS["white"]
 WHITE = IdentifyOptions(dwell_s=0.25, noise="white", other_links=0.0, link_inertia=0.0, lag_s=0.0)
@@ -62,16 +63,14 @@ def test_white_noise_levels_are_read_off_the_log(pushed: Pushed) -> None:
 def test_a_clean_log_is_recognised_at_any_rate(every: int, pushed: Pushed) -> None:
     rows = {name: getattr(pushed.walk, name)[::every] for name in ("stamps_ns", "qpos", "qvel", "effort", "wrench")}
     walk = replace(pushed.walk, timestep_s=0.001 * every, segments=(), **rows)
-    assert resolve_noise(walk, pushed.robot, IdentifyOptions()) is None
+    assert read_noise(walk, pushed.robot) is None
 
 
 def test_shaking_that_the_torques_explain_is_not_noise(pushed: Pushed) -> None:
     walk = push_about(pushed.robot, pushed.space, pushed.truth, seconds=0.4, shaking_nm=10.0)
     assert estimate_white_noise(walk).joint_velocity > 0.01
-    assert resolve_noise(walk, pushed.robot, IdentifyOptions()) is None
-    found = resolve_noise(
-        Sensors(PRESETS["white"], 8, FEET, np.random.default_rng(1)).measure(walk), pushed.robot, IdentifyOptions()
-    )
+    assert read_noise(walk, pushed.robot) is None
+    found = read_noise(Sensors(PRESETS["white"], 8, FEET, np.random.default_rng(1)).measure(walk), pushed.robot)
     assert found is not None
     assert found.joint_velocity == pytest.approx(PRESETS["white"].joint_velocity, rel=0.5)
 
@@ -81,7 +80,7 @@ def test_an_impossible_noise_level_is_refused() -> None:
         SensorNoise(force=-1.0)
 
 
-@pytest.mark.parametrize("identify", [identify_online, identify_offline])
+@pytest.mark.parametrize("identify", [weigh_online, weigh_offline])
 def test_truth_lies_within_a_few_deviations(identify, pushed: Pushed) -> None:  # type: ignore[no-untyped-def]
     result = identify(_measured(pushed), pushed.robot, pushed.space, replace(WHITE, dwell_s=0.2))
     assert result.uncertainty is not None
@@ -101,7 +100,7 @@ def test_errors_are_as_large_as_the_deviations_say() -> None:
     squares = []
     for seed in range(6):
         sensors = Sensors(PRESETS["white"], 8, walk.contact_bodies, np.random.default_rng(seed))
-        result = identify_offline(sensors.measure(walk), robot, space, replace(WHITE, passes=3, dwell_s=0.1))
+        result = weigh_offline(sensors.measure(walk), robot, space, replace(WHITE, passes=3, dwell_s=0.1))
         assert result.uncertainty is not None
         error = result.estimate - truth
         squares.append(error @ np.linalg.solve(result.uncertainty.covariance, error) / len(space))
@@ -115,7 +114,7 @@ def test_offsets_are_estimated_beside_the_masses(pushed: Pushed) -> None:
     effort = walk.effort.copy()
     effort[:, walk.joint_names.index("l_knee")] += 1.5
     spoilt = replace(walk, effort=effort)
-    result = identify_offline(spoilt, pushed.robot, pushed.space, replace(WHITE, noise="realistic"))
+    result = weigh_offline(spoilt, pushed.robot, pushed.space, replace(WHITE, noise="realistic"))
     assert result.uncertainty is not None
     names = [parameter.name for parameter in result.uncertainty.nuisances]
     knee = names.index("effort_offset/l_knee")
@@ -127,7 +126,7 @@ def test_times_by_which_inputs_are_stamped_late_are_estimated_beside_the_masses(
     true_s = np.array([1e-3, 5e-4])
     late = replace(pushed, walk=stamped_late(pushed.walk, *true_s))
     options = replace(WHITE, dwell_s=0.2, bank_size=12, lag_s=5e-4)
-    result = identify_offline(_measured(late), pushed.robot, pushed.space, options)
+    result = weigh_offline(_measured(late), pushed.robot, pushed.space, options)
     found = result.uncertainty
     assert found is not None
     assert np.abs((result.estimate - pushed.truth) / found.std).max() < 4.0
@@ -140,8 +139,8 @@ def test_times_by_which_inputs_are_stamped_late_are_estimated_beside_the_masses(
 def test_links_that_were_not_asked_for_widen_the_intervals(pushed: Pushed) -> None:
     space = mass_space(pushed.robot, ["torso", "l_thigh"])
     walk = _measured(pushed)
-    exact = identify_offline(walk, pushed.robot, space, replace(WHITE, passes=3))
-    unsure = identify_offline(walk, pushed.robot, space, replace(WHITE, passes=3, other_links=0.1))
+    exact = weigh_offline(walk, pushed.robot, space, replace(WHITE, passes=3))
+    unsure = weigh_offline(walk, pushed.robot, space, replace(WHITE, passes=3, other_links=0.1))
     assert exact.uncertainty is not None
     assert unsure.uncertainty is not None
     one, other = (np.sqrt(np.diagonal(r.covariance) / r.inflation) for r in (exact.uncertainty, unsure.uncertainty))
@@ -152,7 +151,7 @@ def test_links_that_were_not_asked_for_widen_the_intervals(pushed: Pushed) -> No
 
 
 def test_json_has_intervals(pushed: Pushed) -> None:
-    document = identify_offline(_measured(pushed), pushed.robot, pushed.space, replace(WHITE, passes=2)).to_json()
+    document = weigh_offline(_measured(pushed), pushed.robot, pushed.space, replace(WHITE, passes=2)).to_json()
     torso = document["links"]["torso"]
     low, high = torso["interval95_kg"]
     assert low < torso["estimate_kg"] < high
@@ -164,9 +163,7 @@ def _quadratic(walk: Walk, pushed: Pushed, told: SensorNoise) -> LocalQuadratic:
     space, truth = pushed.space, pushed.truth
     points = np.vstack([truth, truth + 1e-3 * np.diag(space.scale)])
     proposal = Proposal(points, (Role.CENTRE, *[Role.SAMPLE] * len(space)))
-    bank = assemble(
-        pushed.robot, space, walk.contact_bodies, walk.timestep_s, told, replace(WHITE, bank_size=len(points))
-    ).bank
+    bank = NoisySensors(told).bank(pushed.robot, space, walk.contact_bodies, walk.timestep_s, len(points))
     bank.place(points)
     block = replay_block(walk, pushed.robot.layout, Segment(0, len(walk)))
     bank.restart(block)
@@ -201,7 +198,7 @@ def test_friction_loss_under_noise_leaves_the_masses_within_their_deviations(los
     squares = []
     for seed in range(3):
         measured = Sensors(TRUE, 8, FEET, np.random.default_rng(seed)).measure(walk)
-        result = identify_offline(measured, robot, space, replace(WHITE, dwell_s=0.2, bank_size=12))
+        result = weigh_offline(measured, robot, space, replace(WHITE, dwell_s=0.2, bank_size=12))
         assert result.uncertainty is not None
         assert np.all(result.uncertainty.std < 0.02 * space.nominal)
         error = result.estimate - truth
@@ -215,6 +212,6 @@ def test_friction_that_is_told_right_leaves_no_error_of_its_own() -> None:
     space = mass_space(robot, LINKS)
     truth = draw_truth(space, seed=5, relative_error=0.05)
     walk = push_about(robot, space, truth, seconds=1.0, seed=2, amplitude=0.12)
-    result = identify_offline(walk, robot, space, replace(WHITE, dwell_s=0.2, bank_size=12))
+    result = weigh_offline(walk, robot, space, replace(WHITE, dwell_s=0.2, bank_size=12))
     assert result.uncertainty is not None
     assert np.all(np.abs(result.estimate - truth) < 0.25 * result.uncertainty.std)

@@ -12,6 +12,7 @@ from massid.identify import IdentifyOptions
 from massid.identify.online import OnlineIdentifier
 from massid.observer.bank import RobotBank
 from massid.observer.replay import ReplayBlock
+from massid.observer.sensors import NoisySensors
 from massid.search.guided import SearchOptions
 from massid.search.parameters import ParameterSpace
 from massid.walk import Walk
@@ -20,6 +21,7 @@ from tests.conftest import Pushed
 from tests.pushed_robot import FEET, cut
 
 NOISE = PRESETS["white"]
+SENSORS = NoisySensors(NOISE)
 
 
 def _measured(walk: Walk) -> Walk:
@@ -29,7 +31,7 @@ def _measured(walk: Walk) -> Walk:
 def _stream(walk: Walk, pushed: Pushed, space: ParameterSpace | None = None, bank_size: int = 24) -> OnlineIdentifier:
     """Windows of 0.1 s."""
     options = IdentifyOptions(dwell_s=0.1, other_links=0.0, bank_size=bank_size)
-    return OnlineIdentifier(pushed.robot, space or pushed.space, FEET, walk.timestep_s, options, NOISE)
+    return OnlineIdentifier(pushed.robot, space or pushed.space, FEET, walk.timestep_s, options, SENSORS)
 
 
 def test_the_last_window_of_a_stream_is_used_although_nothing_follows_it(pushed: Pushed) -> None:
@@ -60,7 +62,7 @@ def test_every_window_is_handed_out_once_although_several_end_together(pushed: P
     measured = _measured(pushed.walk)
     walk = cut(measured, slice(300, 341), slice(700, 733))
     options = IdentifyOptions(dwell_s=0.008, other_links=0.0, bank_size=8)
-    identifier = OnlineIdentifier(pushed.robot, pushed.space, FEET, walk.timestep_s, options, NOISE)
+    identifier = OnlineIdentifier(pushed.robot, pushed.space, FEET, walk.timestep_s, options, SENSORS)
     counts, windows = [], []
     for sample in walk.samples():
         closed = identifier.push(sample)
@@ -150,4 +152,4 @@ def test_a_window_that_was_far_from_the_estimate_counts_little(pushed: Pushed) -
 def test_a_direction_that_one_pass_cannot_follow_to_the_minimum_is_refused(pushed: Pushed) -> None:
     options = IdentifyOptions(search=SearchOptions(direction="gradient"))
     with pytest.raises(BadInputError, match=r"gradient .* gauss-newton, levenberg-marquardt, or offline"):
-        OnlineIdentifier(pushed.robot, pushed.space, FEET, 1e-3, options, NOISE)
+        OnlineIdentifier(pushed.robot, pushed.space, FEET, 1e-3, options, SENSORS)

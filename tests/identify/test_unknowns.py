@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError, ModelError
-from massid.identify import IdentifyOptions, identify_offline, identify_online
+from massid.identify import IdentifyOptions
 from massid.identify.sensing import nuisances
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import CentreOfMass, Inertia, InertiaScale, Mass
@@ -24,6 +24,7 @@ from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, Sensors
 from tests.altered_robot import INERTIA_GAIN, PAYLOAD, PAYLOAD_KG, altered, moments
 from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
+from tests.weighed import weigh_offline, weigh_online
 
 NOMINAL = make_robot()
 
@@ -77,7 +78,7 @@ def test_centre_of_mass_and_payload_are_found_beside_the_masses() -> None:
     true = altered(com="torso", payload="torso")
     walk, masses_kg = _log(true, 1.6)
     space = parameter_space(NOMINAL, LINKS, ["com/torso", f"payload/{PAYLOAD}"])
-    result = identify_online(walk, NOMINAL, space, _options(space))
+    result = weigh_online(walk, NOMINAL, space, _options(space))
     assert result.status is Status.CONVERGED
     np.testing.assert_allclose(result.estimate[: len(LINKS)], masses_kg, atol=1e-6)  # kg
     found = _found(result)
@@ -91,7 +92,7 @@ def test_inertia_is_found_beside_the_masses() -> None:
     true = altered(inertia="torso")
     walk, masses_kg = _log(true, 0.8)
     space = parameter_space(NOMINAL, LINKS, ["inertia/torso"])
-    result = identify_offline(walk, NOMINAL, space, _options(space))
+    result = weigh_offline(walk, NOMINAL, space, _options(space))
     np.testing.assert_allclose(result.estimate[: len(LINKS)], masses_kg, atol=1e-6)  # kg
     expected = moments(true, "torso") * masses_kg[0] / NOMINAL.nominal_mass_kg("torso")
     found = [_found(result)[f"inertia/torso/{number}"] for number in (1, 2, 3)]
@@ -104,7 +105,7 @@ def test_a_noisy_log_leaves_the_truth_within_its_deviations() -> None:
     measured = Sensors(PRESETS["white"], 8, walk.contact_bodies, np.random.default_rng(0)).measure(walk)
     space = parameter_space(NOMINAL, LINKS, ["com/torso", f"payload/{PAYLOAD}"])
     options = _options(space, noise="white", other_links=0.0, bank_size=24)
-    result = identify_offline(measured, NOMINAL, space, options)
+    result = weigh_offline(measured, NOMINAL, space, options)
     assert result.uncertainty is not None
     error = result.estimate - _true_point(space, true, masses_kg)
     assert np.all(np.abs(error) < 4.0 * result.uncertainty.std)
@@ -117,7 +118,7 @@ def test_an_inertia_that_nobody_asked_about_does_not_bias_the_masses(seed: int) 
     measured = Sensors(PRESETS["white"], 8, walk.contact_bodies, np.random.default_rng(seed)).measure(walk)
     space = mass_space(NOMINAL, LINKS)
     believed, blamed = (
-        identify_offline(measured, NOMINAL, space, IdentifyOptions(noise="white", other_links=0.0, link_inertia=width))
+        weigh_offline(measured, NOMINAL, space, IdentifyOptions(noise="white", other_links=0.0, link_inertia=width))
         for width in (0.1, 0.0)
     )
     found = believed.uncertainty

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massid.identify import IdentifyOptions, identify_offline, identify_online
-from massid.identify.logs import gather_logs, gather_warnings
-from massid.judge.foresee import foresee
+from massid.identify import IdentifyOptions
+from massid.identify.prepare import prepare_logs
 from massid.judge.motion import observe_motion
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
@@ -20,12 +19,13 @@ from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, Sensors
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, fly_about, make_robot, push_about
+from tests.weighed import verdict_on, weigh_offline, weigh_online
 
 LEGS = ("l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot")
 
 
 def _verdict(walk: Walk, robot: Robot, noise: str = "auto") -> Verdict:
-    return foresee(walk, robot, mass_space(robot, LINKS), IdentifyOptions(noise=noise))  # type: ignore[arg-type]
+    return verdict_on(walk, robot, mass_space(robot, LINKS), IdentifyOptions(noise=noise))  # type: ignore[arg-type]
 
 
 def _measured(walk: Walk, preset: str) -> Walk:
@@ -93,16 +93,16 @@ def test_what_is_foreseen_is_what_an_identification_reports(preset: str, factor:
     """In 1.6 s of small motions instruments are weak, and say so; 24 sets of sensors scattered in between."""
     walk = _measured(pushed.walk, preset)
     options = IdentifyOptions(noise=preset, dwell_s=0.25, passes=8)  # type: ignore[arg-type]
-    result = identify_offline(walk, pushed.robot, pushed.space, options)
+    result = weigh_offline(walk, pushed.robot, pushed.space, options)
     assert result.uncertainty is not None
-    ratio = foresee(walk, pushed.robot, pushed.space, options).std / result.uncertainty.std
+    ratio = verdict_on(walk, pushed.robot, pushed.space, options).std / result.uncertainty.std
     assert np.all((ratio > 1 / factor) & (ratio < 1.3)), ratio
 
 
 def test_a_hidden_link_has_no_estimate(standing: Walk) -> None:
     robot = make_robot()
     space = mass_space(robot, LINKS)
-    result = identify_online(standing, robot, space, IdentifyOptions(dwell_s=0.25))
+    result = weigh_online(standing, robot, space, IdentifyOptions(dwell_s=0.25))
     result = result.judged(_verdict(standing, robot))
     assert result.status is Status.NOT_IDENTIFIABLE
     links = result.to_json()["links"]
@@ -117,7 +117,7 @@ def test_a_noisy_log_of_a_standing_robot_is_not_replayed_in_vain(standing: Walk)
     """The search ends when passes gain nothing, and what it says then holds the truth: here the model file's masses."""
     robot = make_robot()
     options = IdentifyOptions(noise="realistic", dwell_s=0.25, bank_size=16)
-    result = identify_offline(_measured(standing, "realistic"), robot, mass_space(robot, LINKS), options)
+    result = weigh_offline(_measured(standing, "realistic"), robot, mass_space(robot, LINKS), options)
     assert len(result.windows) < 0.5 * options.passes
     assert result.status is Status.NOT_IDENTIFIABLE
     assert result.uncertainty is not None
@@ -131,7 +131,7 @@ def test_a_sum_is_stated_as_found_and_not_as_the_model_file_has_it(standing: Wal
     foreseen = " ".join(verdict.lines())
     assert "known all the same: torso" in foreseen
     assert f"{verdict.sums[0].nominal_kg:.1f}" not in foreseen
-    found = identify_online(standing, robot, space, IdentifyOptions(dwell_s=0.25)).judged(verdict).verdict
+    found = weigh_online(standing, robot, space, IdentifyOptions(dwell_s=0.25)).judged(verdict).verdict
     assert found is not None
     for one in found.sums:
         assert f"together, {one.estimate_kg:.2f} +-" in one.text
@@ -141,8 +141,8 @@ def test_windows_that_contradict_each_other_are_not_blamed_on_the_motion(pushed:
     """What exploded intervals leave is neither stated nor said to be the motion's fault."""
     walk = _measured(pushed.walk, "white")
     options = IdentifyOptions(noise="white", dwell_s=0.25, passes=4)
-    verdict = foresee(walk, pushed.robot, pushed.space, options)
-    result = identify_offline(walk, pushed.robot, pushed.space, options)
+    verdict = verdict_on(walk, pushed.robot, pushed.space, options)
+    result = weigh_offline(walk, pushed.robot, pushed.space, options)
     assert result.uncertainty is not None
     assert result.judged(verdict).together is not None
     hidden = replace(result.excitation, identifiable=np.zeros(len(pushed.space), dtype=bool))
@@ -160,30 +160,30 @@ def test_a_verdict_says_whose_noise_it_takes(pushed: Pushed) -> None:
     noisy = _measured(pushed.walk, "white")
     space = mass_space(pushed.robot, LINKS)
     said = {
-        asked: foresee(walk, pushed.robot, space, IdentifyOptions(noise=asked)).sensors  # type: ignore[arg-type]
+        asked: verdict_on(walk, pushed.robot, space, IdentifyOptions(noise=asked)).sensors  # type: ignore[arg-type]
         for walk, asked in ((noisy, "auto"), (noisy, "clean"), (pushed.walk, "white"))
     }
     assert said["auto"] == "the log's own noise"
-    assert said["clean"].endswith("as --noise clean was asked for")
-    assert said["white"] == "--noise white"
+    assert said["clean"].endswith("as `noise=clean` was asked for")
+    assert said["white"] == "`noise=white`"
 
 
 def test_a_noisy_log_that_is_called_clean_is_contradicted(pushed: Pushed) -> None:
     noisy = _measured(pushed.walk, "realistic")
-    (doubtful,) = gather_logs(noisy, pushed.robot, pushed.space, IdentifyOptions(noise="clean"))
-    assert "shows noise of" in gather_warnings([doubtful])[-1]
-    (clean,) = gather_logs(pushed.walk, pushed.robot, pushed.space, IdentifyOptions(noise="clean"))
+    (doubtful,) = prepare_logs([noisy], pushed.robot, pushed.space, IdentifyOptions(noise="clean"))
+    assert "shows noise of" in doubtful.doubts[-1]
+    (clean,) = prepare_logs([pushed.walk], pushed.robot, pushed.space, IdentifyOptions(noise="clean"))
     assert not clean.doubts
 
 
 def test_a_search_that_a_short_log_ends_says_so(pushed: Pushed) -> None:
     short = replace(pushed.walk, segments=(Segment(0, 260),))
-    result = identify_online(short, pushed.robot, pushed.space, IdentifyOptions(dwell_s=0.25))
+    result = weigh_online(short, pushed.robot, pushed.space, IdentifyOptions(dwell_s=0.25))
     assert result.status is not Status.CONVERGED
     said = replace(result, status=Status.NOT_CONVERGED).unsettled
     assert said is not None
     assert "kg in " in said
-    assert said.endswith("--mode offline")
+    assert said.endswith("(`mode=offline`)")
 
 
 def test_noise_does_not_make_a_standing_robot_move(standing: Walk) -> None:

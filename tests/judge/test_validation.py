@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massid.identify import IdentifyOptions, identify_online
+from massid.identify import IdentifyOptions
+from massid.identify.prepare import prepare_logs
 from massid.judge.residuals import channel_residuals
 from massid.judge.validation import hold_out, validate
 from massid.model.unknowns.sensors import WrenchOffset
@@ -17,6 +18,7 @@ from massid.result.result import Uncertainty
 from massid.walk import Segment
 from massid.walk.noise import PRESETS, Sensors
 from tests.conftest import Pushed
+from tests.weighed import weigh_online
 
 SHORT = IdentifyOptions(dwell_s=0.25)
 HELD = 0.65
@@ -24,7 +26,7 @@ HELD = 0.65
 
 @pytest.fixture(scope="module")
 def found(pushed: Pushed) -> Result:
-    return identify_online(hold_out(pushed.walk, HELD).fitted, pushed.robot, pushed.space, SHORT)
+    return weigh_online(hold_out(pushed.walk, HELD).fitted, pushed.robot, pushed.space, SHORT)
 
 
 def test_what_is_held_out_is_the_end_of_the_log(pushed: Pushed) -> None:
@@ -70,12 +72,13 @@ def test_noise_of_the_sensors_is_in_the_error_of_the_weight(pushed: Pushed) -> N
     rng = np.random.default_rng(0)
     walk = Sensors(PRESETS["realistic"], 8, pushed.walk.contact_bodies, rng).measure(pushed.walk)
     options = replace(SHORT, noise="realistic")
-    result = identify_online(walk, pushed.robot, pushed.space, options)
+    result = weigh_online(walk, pushed.robot, pushed.space, options)
     weight = validate(result, [walk], [None], pushed.robot).weight
     assert weight is not None
     assert 0.3 < weight.carried_std_kg < 1.5  # two feet with offsets of 4 N, and 1 % of the load
     assert abs(weight.carried_kg - pushed.truth.sum()) < 3.0 * weight.carried_std_kg
-    residuals = channel_residuals(result, walk, pushed.robot, options)
+    (log,) = prepare_logs([walk], pushed.robot, pushed.space, options)
+    residuals = channel_residuals(result, log, pushed.robot)
     assert residuals is not None
     assert np.median(residuals.identified) == pytest.approx(1.0, abs=0.1)
     assert residuals.nominal.sum() > residuals.identified.sum()

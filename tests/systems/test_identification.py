@@ -18,10 +18,10 @@ from massid.paper.paper_direction import BASE, PAPER_ERROR, PAPER_GAIN, final_er
 from massid.paper.setting import CONVERGED, AffineRun, NonAffineRun, as_start, random_starts
 from massid.search.directions import DIRECTIONS, DirectionName
 from massid.search.guided import GuidedSearch, SearchOptions, SearchStatus
+from massid.search.offline import BlockReplay, run_offline
 from massid.systems import affine, non_affine
 from massid.systems.bank import SystemBank
 from massid.systems.dynamic_sampling import DynamicSampling
-from massid.systems.offline import run_offline, score_blocks
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "own_system.py"
 
@@ -111,11 +111,11 @@ def test_offline_scores_are_sums_of_windows() -> None:
     plant = non_affine.non_affine_plant(system, np.random.default_rng(0))
     blocks = [plant.run(1.0, non_affine.START).block for _ in range(2)]
     bank, search = SystemBank(system, 9, 1e-3), GuidedSearch(system.space, 9)
-    total = score_blocks(bank, search.ask(), blocks, 0.1).mu
-    single = [score_blocks(bank, search.ask(), [block], 0.1).mu for block in blocks]
+    total = BlockReplay(bank, blocks, 0.1).total(search.ask()).mu
+    single = [BlockReplay(bank, [block], 0.1).total(search.ask()).mu for block in blocks]
     np.testing.assert_allclose(total, single[0] + single[1], rtol=1e-12)
-    iterations = run_offline(blocks, bank, search, 12, 0.1)
-    assert np.linalg.norm(iterations[-1].estimate - non_affine.TRUTH) < 0.05
+    run = run_offline([BlockReplay(bank, blocks, 0.1)], search, 12)
+    assert np.linalg.norm(run.estimate - non_affine.TRUTH) < 0.05
 
 
 def test_dynamic_sampling_finds_p_and_the_mirror_where_theta_admits_it() -> None:
@@ -135,7 +135,7 @@ def test_dynamic_sampling_stays_in_theta_and_zooms() -> None:
     system = non_affine.non_affine_system()
     plant = non_affine.non_affine_plant(system, np.random.default_rng(0))
     bank = SystemBank(system, 27, 1e-3)
-    best = score_blocks(bank, proposal, [plant.run(1.0, non_affine.START).block], 0.0)
+    best = BlockReplay(bank, [plant.run(1.0, non_affine.START).block], 0.0).total(proposal)
     sampling.tell(best)
     np.testing.assert_allclose(sampling.width, 0.5 * width)
     np.testing.assert_array_equal(sampling.estimate, proposal.points[np.argmin(best.mu)])

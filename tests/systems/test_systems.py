@@ -11,10 +11,11 @@ from scipy.integrate import solve_ivp
 from massid.errors import BadInputError
 from massid.search.bank import Bank
 from massid.search.guided import GuidedSearch
+from massid.search.online import score_block
 from massid.search.proposal import Proposal, Role
 from massid.systems import affine, non_affine
 from massid.systems.bank import SystemBank
-from massid.systems.online import run_online, score_block
+from massid.systems.online import run_online
 from massid.systems.plant import Controller, Disturbance, Plant
 from massid.systems.system import MeasuredBlock, System
 from massid.typing import FloatArray

@@ -10,8 +10,9 @@ from massid.result.quantities import Quantity
 from massid.result.result import Uncertainty
 from massid.score import Truth, score, with_score
 from massid.search.proposal import Role
+from massid.view.colours import badness
 from massid.view.motion import sample_motion
-from massid.view.span import plot_end_s
+from massid.view.span import plot_end_s, update_times_s
 from massid.view.table import format_error, format_kg, table_markdown
 from massid.view.trace import Trace
 from massid.walk.noise import PRESETS
@@ -64,6 +65,59 @@ def test_plots_of_a_short_search_end_soon_after_it(online: Story) -> None:
     assert last_s < plot_end_s(trace, long_walk) < 2.0 * last_s
 
 
+def test_plots_of_a_search_through_several_logs_show_all_of_it(online: Story) -> None:
+    """The walk that is shown is the first of them."""
+    trace, motion = Trace.of(online.result, None), sample_motion(online.walk, online.robot)
+    later = replace(trace, update_time_s=trace.update_time_s + 10.0)
+    assert plot_end_s(later, motion) == later.update_time_s[-1]
+
+
+def test_offline_the_passes_share_the_walk_out_in_equal_stretches(offline: Story) -> None:
+    trace, motion = Trace.of(offline.result, None), sample_motion(offline.walk, offline.robot)
+    end_s = float(motion.time_s[-1])
+    times_s = update_times_s(trace, motion)
+    assert_allclose(np.diff([*times_s, end_s]), end_s / len(trace.estimate_kg), rtol=1e-12)
+    assert (times_s[0], plot_end_s(trace, motion)) == (0.0, end_s)
+
+
+def test_scores_of_passes_over_more_and_less_of_a_log_are_comparable(offline: Story) -> None:
+    first = offline.result.windows[0]
+    half = replace(first, mu=0.5 * first.mu)  # half of the output errors, of the same size
+    trace = Trace.of(replace(offline.result, windows=(half, first)), None)
+    for role in (Role.CENTRE, Role.SAMPLE):
+        assert_allclose(trace.mu(0, role), trace.mu(1, role), rtol=1e-12)
+    assert_allclose(trace.mu(1, Role.CENTRE), first.chi2, rtol=1e-12)
+    silent = Trace.of(replace(offline.result, windows=(replace(first, chi2=np.nan), first)), None)
+    assert_allclose(silent.mu(1, Role.SAMPLE), first.mu[silent.rows_of(1, Role.SAMPLE)], rtol=0)
+    assert Trace.of(replace(offline.result, mode="online"), None).errors_scored is None
+
+
+def test_without_truth_no_mass_looks_better_than_its_interval(noisy: Story) -> None:
+    trace = Trace.of(noisy.result, None)
+    final = noisy.result.estimate
+    assert np.all(trace.relative_error >= trace.half_width_kg[-1] / final - 1e-12)
+    assert_allclose(trace.relative_error[-1], trace.half_width_kg[-1] / final, rtol=1e-6)
+    assert "95 % interval" in trace.colour_meaning
+    with_truth = Trace.of(noisy.result, noisy.score)
+    assert_allclose(with_truth.relative_error, np.abs(with_truth.error_kg) / with_truth.reference_kg, rtol=0)
+    assert with_truth.colour_meaning == "mass error"
+
+
+def test_without_truth_a_link_that_the_log_does_not_reveal_never_looks_good(online: Story) -> None:
+    identifiable = np.arange(len(online.result.space)) != 1
+    excitation = replace(online.result.excitation, identifiable=identifiable)
+    trace = Trace.of(replace(online.result, excitation=excitation), None)
+    assert np.all(badness(trace.relative_error[:, 1]) == 1.0)
+    assert np.all(badness(trace.relative_error[-1, identifiable]) < 0.5)
+
+
+def test_the_final_intervals_are_drawn_however_little_the_estimates_moved(noisy: Story) -> None:
+    still = tuple(replace(one, estimate=noisy.result.space.nominal) for one in noisy.result.windows)
+    trace = Trace.of(replace(noisy.result, windows=still, estimate=noisy.result.space.nominal), None)
+    assert_allclose(trace.drawn_half_width_kg[-1], trace.half_width_kg[-1], rtol=0)
+    assert np.all(np.isnan(trace.drawn_half_width_kg[1]))  # twice as wide
+
+
 def test_the_table_follows_the_estimate(online: Story) -> None:
     trace = Trace.of(online.result, online.score)
     before, after = (table_markdown(trace, update, online.result, online.score) for update in (0, len(trace.updates)))
@@ -71,8 +125,20 @@ def test_the_table_follows_the_estimate(online: Story) -> None:
     nominal, estimate = online.result.nominal_kg[link], online.result.estimate_kg[link]
     assert f"| {link} | {nominal:.3f} | **{nominal:.3f}** |" in before
     assert f"| {link} | {nominal:.3f} | **{estimate:.3f}** | {online.score.true_kg[link]:.3f} |" in after
+    assert before.startswith("Masses of the model file")
     assert str(online.result.status) in after
     assert "no truth known" in table_markdown(Trace.of(online.result, None), 1, online.result, None)
+
+
+def test_the_table_says_which_pass_it_shows(noisy: Story) -> None:
+    trace = Trace.of(noisy.result, noisy.score)
+    first, second, last = (table_markdown(trace, update, noisy.result, noisy.score) for update in range(3))
+    assert first.startswith("Model file, before pass 1 of 2")
+    assert second.startswith("After pass 1 of 2")
+    assert last.startswith("After pass 2 of 2")
+    assert "±" not in first
+    link, estimate = trace.links[2], trace.estimate_kg[1, 2]
+    assert f"**{estimate:.3f}** ±0.196 |" in next(row for row in second.splitlines() if row.startswith(f"| {link} "))
 
 
 def test_a_link_that_the_log_does_not_reveal_is_marked(online: Story) -> None:

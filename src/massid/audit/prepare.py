@@ -8,13 +8,15 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from massid.audit.inner_steps import FACTOR, with_inner_steps
+from massid.audit.lag import Lag
 from massid.audit.report import Audit, audit_walk
 from massid.errors import BadInputError, LogError
 from massid.log import TopicMap, read_walk
 from massid.model.robot import Robot
 from massid.walk import Walk
 from massid.walk.refine import refined
-from massid.walk.white_noise import CLEAN_VELOCITY, white_level
+from massid.walk.resampling import stamped_earlier
+from massid.walk.white_noise import looks_noisy
 
 _MOST_STEPS = 10
 """A log this many times slower than the model's step is not refined any further."""
@@ -36,14 +38,19 @@ class Prepared:
 
 
 def prepare_walk(
-    path: Path | str, robot: Robot, topics: TopicMap | None = None, *, walk: Walk | None = None, thorough: bool = False
+    source: Path | str | Walk,
+    robot: Robot,
+    topics: TopicMap | None = None,
+    *,
+    walk: Walk | None = None,
+    thorough: bool = False,
 ) -> Prepared:
     """Read a log, check it against the robot and compensate lags between its streams.
 
     Args:
-        path: an MCAP file.
+        source: an MCAP file, or a walk.
         robot: with nominal masses.
-        topics: which topic plays which role.
+        topics: which topic plays which role in the file.
         walk: the file as read with these topics, if it was read already.
         thorough: also compute the one-step residual.
 
@@ -52,9 +59,10 @@ def prepare_walk(
         ModelError: a joint cannot be locked where the topic map says.
     """
     topics = topics or TopicMap()
-    walk = read_walk(path, topics) if walk is None else walk
+    if walk is None:
+        walk = source if isinstance(source, Walk) else read_walk(source, topics)
     robot = robot.locked(_locked(robot, walk, topics))
-    steps, noisy = min(robot.steps_in(walk.timestep_s), _MOST_STEPS), white_level(walk.qvel[:, 6:]) >= CLEAN_VELOCITY
+    steps, noisy = min(robot.steps_in(walk.timestep_s), _MOST_STEPS), looks_noisy(walk)
     factor = 1 if noisy else steps  # interpolated noise looks like motion, and the log like one without noise
     audit = audit_walk(robot, refined(walk, factor), thorough=thorough)
     notes: tuple[str, ...] = ()
@@ -72,9 +80,7 @@ def prepare_walk(
         )
     lag = audit.lag
     if lag is not None and lag.believed:
-        known = {"effort": 0.0, "wrench": 0.0, **topics.lag_s}
-        lags = {**known, "effort": known["effort"] + lag.effort_s, "wrench": known["wrench"] + lag.wrench_s}
-        walk = read_walk(path, replace(topics, lag_s=lags))
+        walk = _without_lag(source, topics, lag)
         audit = replace(audit_walk(robot, refined(walk, factor), thorough=thorough), lag=lag)
         notes += (
             f"{walk.source}: against the state, torques are stamped {lag.effort_s * 1e3:+.2f} ms and wrenches "
@@ -96,28 +102,49 @@ def prepare_walk(
     return Prepared(ready, robot, audit)
 
 
+def _without_lag(source: Path | str | Walk, topics: TopicMap, lag: Lag) -> Walk:
+    """The walk with torques and wrenches as they were when the state was, not some time later.
+
+    A file is read again: a stream that is faster than the walk is averaged over the periods that it belongs to.
+    """
+    if isinstance(source, Walk):
+        return stamped_earlier(source, lag.effort_s, lag.wrench_s)
+    known = {"effort": 0.0, "wrench": 0.0, **topics.lag_s}
+    lags = {**known, "effort": known["effort"] + lag.effort_s, "wrench": known["wrench"] + lag.wrench_s}
+    return read_walk(source, replace(topics, lag_s=lags))
+
+
 def prepare_walks(
-    paths: Sequence[Path | str], robot: Robot, topics: TopicMap | None = None, walks: Sequence[Walk] | None = None
+    sources: Sequence[Path | str | Walk],
+    robot: Robot,
+    topics: TopicMap | None = None,
+    walks: Sequence[Walk] | None = None,
+    *,
+    thorough: bool = False,
 ) -> tuple[Prepared, ...]:
     """Prepare several logs of one robot; see `prepare_walk`.
 
     Args:
-        paths: MCAP files.
+        sources: MCAP files or walks.
         robot: with nominal masses.
-        topics: which topic plays which role, in all of them.
+        topics: which topic plays which role, in all files.
         walks: the files as read with these topics, if they were read already.
+        thorough: also compute the one-step residual.
 
     Raises:
         BadInputError: a file is named twice.
         LogError: see `prepare_walk`; also if the logs show different joints of the robot.
         ModelError: a joint cannot be locked where the topic map says.
     """
-    resolved = [Path(path).resolve() for path in paths]
+    resolved = [Path(source).resolve() for source in sources if not isinstance(source, Walk)]
     for path in resolved:
         if resolved.count(path) > 1:
             raise BadInputError(f"{path.name} is named twice: its information would count twice.")
-    known = walks if walks is not None else [None] * len(paths)
-    prepared = tuple(prepare_walk(path, robot, topics, walk=walk) for path, walk in zip(paths, known, strict=True))
+    known = walks if walks is not None else [None] * len(sources)
+    prepared = tuple(
+        prepare_walk(source, robot, topics, walk=walk, thorough=thorough)
+        for source, walk in zip(sources, known, strict=True)
+    )
     first = prepared[0]
     for other in prepared[1:]:
         differing = sorted(set(first.walk.joint_names) ^ set(other.walk.joint_names))

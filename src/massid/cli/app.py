@@ -13,6 +13,7 @@ import tyro
 
 from massid.cli.corrupt import Corrupt
 from massid.cli.demo import Demo
+from massid.cli.flags import in_flags
 from massid.cli.identify import Identify
 from massid.cli.inspect import Inspect
 from massid.cli.links import Links
@@ -49,7 +50,7 @@ def run(arguments: Sequence[str]) -> int:
         sys.stderr.write(f"massid: error: --{error.option.replace('_', '-')} {error.problem}\n")
         return error.exit_code
     except MassidError as error:
-        sys.stderr.write(f"massid: error: {error}\n")
+        sys.stderr.write(f"massid: error: {in_flags(str(error))}\n")
         return error.exit_code
     except BrokenPipeError:
         # The reader of our output went away, as in `massid links atlas | head -1`.

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from massid.cli.flags import in_flags
 from massid.identify.progress import Progress as ProgressCallback
 from massid.result import Result
 from massid.result.posterior import INTERVAL_95
@@ -33,7 +34,7 @@ def progress_bar(title: str) -> Iterator[ProgressCallback]:
 
 def warn(message: str) -> None:
     """Print one warning line on stderr."""
-    ERR.print(f"massid: warning: {message}", soft_wrap=True, markup=False)
+    ERR.print(f"massid: warning: {in_flags(message)}", soft_wrap=True, markup=False)
 
 
 def warn_of_hidden(result: Result) -> None:
@@ -48,7 +49,7 @@ def warn_of_hidden(result: Result) -> None:
 
 def say(message: str) -> None:
     """Print one line on stdout."""
-    OUT.print(message, soft_wrap=True, markup=False)
+    OUT.print(in_flags(message), soft_wrap=True, markup=False)
 
 
 def result_table(result: Result, scored: Score | None) -> Table:

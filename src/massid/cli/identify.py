@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
-from massid.assets import find_model_by_hash, resolve_model
+from massid.assets import resolve_model, shipped_models
+from massid.cli import INTERRUPTED
 from massid.cli.arguments import (
     OptionalFile,
     OptionalLinks,
@@ -20,23 +20,17 @@ from massid.cli.arguments import (
     parse_names,
     topics_file,
 )
-from massid.errors import BadInputError, LogError
-from massid.identify.options import IdentifyOptions, idle_options
-from massid.model.robot import Robot
-from massid.model.unknowns.bodies import Mass
-from massid.model.unknowns.spaces import parameter_space
+from massid.errors import BadInputError
+from massid.identify.options import IdentifyOptions
 from massid.outputs import check_outputs, check_suffix
 from massid.result.result import Status
-from massid.search.guided import check_bank_size, enough_models
-from massid.search.parameters import ParameterSpace
-from massid.search.scan import scanned_columns
-from massid.walk import Walk
 
 if TYPE_CHECKING:
-    from massid.audit import Audit
-    from massid.judge.validation import Split
+    from massid.identify.progress import Progress
     from massid.result import Result
-    from massid.score import Score
+    from massid.result.verdict import Verdict
+    from massid.score import Score, Truth
+    from massid.weighing import Weighing
 
 EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVERGED: 4}
 
@@ -94,64 +88,34 @@ class Identify:
 
     def run(self) -> int:
         """Identify, print the table, write what was asked for."""
-        from massid.audit import prepare_walks
-        from massid.cli.console import print_result, progress_bar, say, warn, warn_of_hidden
-        from massid.identify import identify_offline, identify_online
-        from massid.identify.sensing import resolve_noise
-        from massid.judge.foresee import foresee
-        from massid.judge.validation import hold_out, validate
-        from massid.log import TopicMap, load_topics, read_walk
+        from massid.cli.console import print_result, progress_bar, warn_of_hidden
+        from massid.cli.interrupts import stop_on_interrupt
         from massid.score import Truth, score
+        from massid.weighing import weigh
 
-        self._check_numbers()
         self._check_files(None if self.model is None else resolve_model(self.model))
         truth = Truth.load(self.truth) if self.truth else None
-        topics = load_topics(self.topics) if self.topics else TopicMap()
-        read = [read_walk(log, topics) for log in self.logs]
-        model = self._model_path(read)
-        self._check_files(model)
-        complete = Robot.load(model)
-        prepared = prepare_walks(self.logs, complete, topics, read)
-        walks, robot = [one.walk for one in prepared], prepared[0].robot
-        known = [warning for walk in walks for warning in walk.warnings]
-        for warning in known:
-            warn(warning)
-        space = self._space(robot)
-        weighed = {one.target: one.nominal for one in space.parameters if isinstance(one, Mass)}
-        strange = truth.check_robot(weighed) if truth else ()
-        options = options_for(self.options, [one.audit for one in prepared], len(space))
-        parts = [hold_out(walk, self.held_out) for walk in walks]
-        fitted, held = [part.fitted for part in parts], [part.held for part in parts]
-        noisy = resolve_noise(fitted[0], robot, options) is not None
-        is_offline = self.mode == "offline" or (self.mode == "auto" and noisy)
-        check_bank_size(space, options.bank_size)
-        scanned_columns(space, options.search.scan)
-        for warning in (*strange, *idle_options(options, noisy)):
-            warn(warning)
-        check_windows(fitted, options.dwell_s, all_needed=is_offline)
-        with progress_bar("judging") as progress:
-            verdict = foresee(fitted, robot, space, options, progress, self.options.noise)
-        if not verdict.hidden:
-            say(f"verdict: {verdict.lines()[0]}\n")
-        identify = identify_offline if is_offline else identify_online
-        with progress_bar("identifying") as progress:
-            result = identify(fitted, robot, space, options, progress).judged(verdict)
-        result = result.checked(validate(result, walks, held, robot))
+        heard = _Heard(truth)
+        with progress_bar("weighing") as progress, stop_on_interrupt() as stop:
+            result = weigh(
+                self.logs,
+                self.model,
+                None if self.links is None else parse_names("--links", self.links),
+                unknowns=self._unknowns(),
+                topics=self.topics,
+                mode=self.mode,
+                held_out=self.held_out,
+                options=self.options,
+                progress=progress,
+                tell=heard,
+                stop=stop,
+            )
         scored = score(result, truth) if truth else None
         print_result(result, scored)
-        for warning in result.warnings[len(known) :]:
-            warn(warning)
+        heard.rest()
         warn_of_hidden(result)
-        if self.json:
-            self._write_json(result, scored, parts[0], robot, options)
-        self._write(result, scored, walks, robot, complete)
-        return EXIT_CODES[result.status]
-
-    def _check_numbers(self) -> None:
-        if not 0.0 <= self.held_out < 1.0:
-            raise BadInputError(f"--held-out is {self.held_out}; it must be at least 0 and less than 1.")
-        if not self.logs:
-            raise BadInputError("No log given: massid identify LOG [LOG ...].")
+        self._write(result, scored)
+        return INTERRUPTED if result.stopped else EXIT_CODES[result.status]
 
     def _check_files(self, model: Path | None) -> None:
         """Pass if all that was asked for can be written, and nothing that is read is lost by it."""
@@ -161,6 +125,7 @@ class Identify:
             [
                 *(("the log", log) for log in self.logs),
                 ("the model (--model)", model),
+                *(("a shipped model", shipped) for shipped in shipped_models().values()),
                 ("the truth file (--truth)", self.truth),
                 topics_file(self.topics),
             ],
@@ -175,97 +140,113 @@ class Identify:
         check_suffix("--rerun", self.rerun, ".rrd")
         check_suffix("--png", self.png, ".png")
 
-    def _write(
-        self, result: Result, scored: Score | None, walks: Sequence[Walk], robot: Robot, complete: Robot
-    ) -> None:
-        """Write the files that were asked for, and say where they are."""
-        from massid.cli.console import say
+    def _unknowns(self) -> list[str]:
+        """What was asked for besides masses, as KIND/TARGET."""
+        found = {
+            "com": parse_names("--com", self.com),
+            "inertia": parse_names("--inertia", self.inertia),
+            "payload": list(self.payload),
+            "friction": parse_names("--friction", self.friction),
+            "damping": parse_names("--damping", self.damping),
+        }
+        return [*(f"{kind}/{target}" for kind, targets in found.items() for target in targets), *self.unknown]
 
-        shows = f", the motion is that of {walks[0].source}" if len(walks) > 1 else ""
+    def _write(self, result: Result, scored: Score | None) -> None:
+        """Write the files that were asked for, and say where they are; what is slow and optional comes last."""
+        from massid.cli.console import progress_bar, say, warn
+        from massid.result.evidence import Evidence
+
+        evidence = result.evidence
+        assert isinstance(evidence, Evidence)  # `weigh` keeps it
+        walk, robot = evidence.walks[0], evidence.robot
+        shows = f", the motion is that of {walk.source}" if len(evidence.walks) > 1 else ""
+        document = self._write_json(result, scored) if self.json else None
         if self.save_model:
-            kept = f"{', '.join(result.hidden)}: not identifiable, the model file's value kept" if result.hidden else ""
-            complete.write_mjcf(result.space, result.reported, self.save_model, remark=kept)
-            say(f"model: {self.save_model}" + (f" ({kept})" if kept else ""))
+            result.save_model(self.save_model)
+            say(f"model: {self.save_model}" + (f" ({result.kept_text})" if result.kept_text else ""))
         if self.rerun:
             from massid.view import write_recording
 
-            write_recording(self.rerun, walks[0], robot, result, scored)
+            write_recording(self.rerun, walk, robot, result, scored)
             say(f"recording: {self.rerun} (massid view {self.rerun}){shows}")
         if self.png:
             from massid.view import write_summary_png
 
-            write_summary_png(self.png, walks[0], robot, result, scored)
+            write_summary_png(self.png, walk, robot, result, scored)
             say(f"picture: {self.png}{shows}")
+        if self.json and document is not None and not result.stopped:
+            from massid.result.result import write_json
 
-    def _write_json(
-        self, result: Result, scored: Score | None, part: Split, robot: Robot, options: IdentifyOptions
-    ) -> None:
-        """Write the result document and its sidecar, with the reference method beside it."""
+            try:
+                with progress_bar("least squares beside it") as progress:
+                    write_json(document | {"reference": reference_fit(result, progress)}, self.json)
+            except KeyboardInterrupt:
+                warn(f"interrupted: {self.json} is complete but for the least-squares fit on the same log")
+
+    def _write_json(self, result: Result, scored: Score | None) -> dict[str, Any]:
+        """Write the result document and its sidecar."""
         from massid.cli.console import say
-        from massid.judge.residuals import channel_residuals
         from massid.result.result import write_json
         from massid.result.sidecar import DIGEST, sidecar_path, write_sidecar
         from massid.score import with_score
 
-        if self.json is None:
-            return
-        settings = replace(options, noise=self.options.noise).to_json()
-        document = result.to_json() | {"reference": reference_fit(result, part.fitted, robot), "options": settings}
-        digest = write_sidecar(
-            sidecar_path(self.json), result, channel_residuals(result, part.held or part.fitted, robot, options)
-        )
-        document |= {DIGEST: digest}
-        write_json(with_score(document, scored) if scored else document, self.json)
+        assert self.json is not None
+        document = result.to_json() | {"reference": None, "options": self.options.to_json()}
+        document |= {DIGEST: write_sidecar(sidecar_path(self.json), result)}
+        document = with_score(document, scored) if scored else document
+        write_json(document, self.json)
         say(f"result: {self.json} (massid report {self.json})")
-
-    def _model_path(self, walks: Sequence[Walk]) -> Path:
-        if self.model is not None:
-            return resolve_model(self.model)
-        paths: list[Path] = []
-        for walk in walks:
-            path = find_model_by_hash(walk.metadata.get("model_sha256", ""))
-            if path is None:
-                made_with = walk.metadata.get("model_file", "an unknown model")
-                raise LogError(f"{walk.source} was made with {made_with}, which is not shipped: name it with --model.")
-            if paths and path != paths[0]:
-                raise LogError(
-                    f"{walk.source} was made with {path.name}, {walks[0].source} with {paths[0].name}: several logs "
-                    "must be of one robot."
-                )
-            paths.append(path)
-        return paths[0]
-
-    def _space(self, robot: Robot) -> ParameterSpace:
-        wanted = {
-            "com": parse_names("--com", self.com),
-            "inertia": parse_names("--inertia", self.inertia),
-            "payload": self.payload,
-            "friction": parse_names("--friction", self.friction),
-            "damping": parse_names("--damping", self.damping),
-        }
-        named = [f"{kind}/{target}" for kind, targets in wanted.items() for target in targets]
-        return parameter_space(robot, self._links(robot), [*named, *self.unknown])
-
-    def _links(self, robot: Robot) -> list[str]:
-        if self.links is not None:
-            return parse_names("--links", self.links)
-        links = robot.walking_links()
-        if not links:
-            raise BadInputError(
-                f"{robot.source} has no links named like torso, l_thigh, l_calf or l_foot: name the links to weigh "
-                f"with --links. It has: {', '.join(robot.links)}."
-            )
-        return list(links)
+        return document
 
 
-def reference_fit(result: Result, walk: Walk, robot: Robot) -> dict[str, Any] | None:
+class _Heard:
+    """Prints warnings and the verdict as they come: warnings after the fit wait for the table.
+
+    Args:
+        truth: whose robot is compared with the one that is weighed, before the verdict; None for no truth.
+    """
+
+    def __init__(self, truth: Truth | None) -> None:
+        self._truth = truth
+        self._waiting: list[str] | None = None
+
+    def __call__(self, said: Weighing | str | Verdict) -> None:
+        from massid.cli.console import say, warn
+        from massid.weighing import Weighing
+
+        match said:
+            case Weighing():
+                for line in self._truth.check_robot(said.nominal_kg) if self._truth else ():
+                    warn(line)
+            case str():
+                if self._waiting is None:
+                    warn(said)
+                else:
+                    self._waiting.append(said)
+            case _:
+                if not said.hidden:
+                    say(f"verdict: {said.lines()[0]}\n")
+                self._waiting = []
+
+    def rest(self) -> None:
+        """Print what waited."""
+        from massid.cli.console import warn
+
+        for line in self._waiting or ():
+            warn(line)
+
+
+def reference_fit(result: Result, progress: Progress) -> dict[str, Any] | None:
     """Filtered inverse-dynamics least squares on the same log with the same unknowns; None if the log is too short."""
     from massid.compare import CUTOFFS_HZ, scan_cutoffs, self_chosen
 
+    if result.evidence is None:
+        return None
     space, _ = result.unknowns()
+    walk = result.evidence.fitted[0]
     cutoffs = [cutoff_hz for cutoff_hz in CUTOFFS_HZ if cutoff_hz < 0.25 / walk.timestep_s]
     try:
-        fit = self_chosen(scan_cutoffs(walk, robot, space, cutoffs))
+        fit = self_chosen(scan_cutoffs(walk, result.evidence.robot, space, cutoffs, progress))
     except BadInputError:
         return None
     asked = len(result.space)
@@ -275,22 +256,3 @@ def reference_fit(result: Result, walk: Walk, robot: Robot) -> dict[str, Any] | 
         "estimate_kg": result.masses_kg(fit.estimate[:asked]),
         "std_kg": result.masses_kg(fit.std[:asked]),
     }
-
-
-def check_windows(walks: Sequence[Walk], dwell_s: float, *, all_needed: bool) -> None:
-    """Pass if the walks fill dwell windows: each of them, or at least one.
-
-    Raises:
-        LogError: they do not, or dwell_s is shorter than two samples of one.
-    """
-    fullest = max(walks, key=lambda walk: len(list(walk.windows(dwell_s))))
-    for walk in walks if all_needed else [fullest]:
-        walk.filled_windows(dwell_s)
-
-
-def options_for(options: IdentifyOptions, audits: Sequence[Audit], n_unknowns: int = 0) -> IdentifyOptions:
-    """With `--noise auto`, logs that the physics explains to rounding have no noise; more unknowns get more models."""
-    if options.bank_size == IdentifyOptions.bank_size:
-        options = replace(options, bank_size=max(options.bank_size, enough_models(n_unknowns)))
-    is_clean = options.noise == "auto" and all(audit.clean for audit in audits)
-    return replace(options, noise="clean") if is_clean else options

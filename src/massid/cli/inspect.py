@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from massid.cli.report_page import Page
     from massid.log import LogSummary
     from massid.model.robot import Robot
-    from massid.search.parameters import ParameterSpace
     from massid.walk import Walk
+    from massid.weighing import Weighing
 
 _LEAST_LOAD = 0.05
 """Share of the weight below which the direction of the mean force means nothing."""
@@ -62,19 +62,20 @@ class Inspect:
         summary = summarise_log(self.log)
         path = model or find_model_by_hash(dict(summary.metadata.get("massid", {})).get("model_sha256", ""))
         robot = None if path is None else Robot.load(path)
-        if robot is not None:
-            self._space(robot)  # a name that does not exist is told at once
+        links = None if robot is None else self._links(robot)
+        if robot is not None and links is not None:
+            mass_space(robot, links)  # a name that does not exist is told at once
         self._print_topics(page, summary)
         if robot is None:
             page.section("Robot", ["no model given (--model), so the log was not checked against any physics"])
         else:
-            from massid.audit import prepare_walk
+            from massid.weighing import Weighing
 
-            prepared = prepare_walk(self.log, robot, topics, thorough=True)
-            self._print_audit(page, prepared)
-            self._print_verdict(page, prepared)
+            job = Weighing.prepare(self.log, robot, links, topics=topics, held_out=0.0, thorough=True)
+            self._print_audit(page, job.prepared[0])
+            self._print_verdict(page, job)
             if self.html:
-                page.plot_walk(prepared.walk)
+                page.plot_walk(job.prepared[0].walk)
         if self.html:
             page.write(self.html)
         return 0
@@ -116,18 +117,14 @@ class Inspect:
         )
         page.section("Warnings", list(walk.warnings) or ["none"])
 
-    def _print_verdict(self, page: Page, prepared: Prepared) -> None:
+    @staticmethod
+    def _print_verdict(page: Page, job: Weighing) -> None:
         """To what each link's mass could be known, and what would help: what `massid identify` says before it fits."""
         from massid.cli.console import progress_bar
-        from massid.cli.identify import options_for
-        from massid.identify import IdentifyOptions
-        from massid.judge.foresee import foresee
         from massid.result.posterior import INTERVAL_95
 
-        robot, walk = prepared.robot, prepared.walk
         with progress_bar("judging") as progress:
-            options = options_for(IdentifyOptions(), [prepared.audit])
-            verdict = foresee(walk, robot, self._space(robot), options, progress)
+            verdict = job.foresee(progress)
         rows = [
             (link, f"{nominal:.3f}", f"{INTERVAL_95 * std:.2g}", "identifiable" if seen else "not identifiable")
             for link, nominal, std, seen in zip(
@@ -137,11 +134,11 @@ class Inspect:
         page.table("Links", ("link", "nominal [kg]", "known to, 95 % [kg]", "verdict"), rows)
         page.section("Verdict", verdict.lines())
 
-    def _space(self, robot: Robot) -> ParameterSpace:
-        """The masses of the links that were named, or of all that move by themselves."""
+    def _links(self, robot: Robot) -> list[str]:
+        """The links that were named, or all that move by themselves."""
         if self.links is not None:
-            return mass_space(robot, parse_names("--links", self.links))
-        return mass_space(robot, [link for link in robot.links if robot.welded_to(link) is None])
+            return parse_names("--links", self.links)
+        return [link for link in robot.links if robot.welded_to(link) is None]
 
 
 def _share(value: float | None) -> str:

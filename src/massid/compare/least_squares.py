@@ -7,7 +7,7 @@ residuals, found by repeating the fit. The result depends on the cut-off of the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,7 +82,11 @@ def fit_masses(walk: Walk, robot: Robot, space: ParameterSpace, cutoff_hz: float
 
 
 def scan_cutoffs(
-    walk: Walk, robot: Robot, space: ParameterSpace, cutoffs_hz: Sequence[float] = CUTOFFS_HZ
+    walk: Walk,
+    robot: Robot,
+    space: ParameterSpace,
+    cutoffs_hz: Sequence[float] = CUTOFFS_HZ,
+    progress: Callable[[float, str], None] | None = None,
 ) -> tuple[Fit, ...]:
     """Fit with every cut-off; those for which the walk is too short are left out.
 
@@ -91,7 +95,9 @@ def scan_cutoffs(
         LogError: the walk does not match the robot.
     """
     fits, refusal = [], None
-    for cutoff_hz in cutoffs_hz:
+    for k, cutoff_hz in enumerate(cutoffs_hz):
+        if progress is not None:
+            progress(k / len(cutoffs_hz), f"{cutoff_hz:g} Hz")
         try:
             fits.append(fit_masses(walk, robot, space, cutoff_hz))
         except BadInputError as error:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from massid.ranges import require_not_negative, require_positive
-from massid.search.guided import SearchOptions
-from massid.walk.noise import NoisePreset, SensorNoise
+from massid.search.guided import SearchOptions, enough_models
+from massid.walk.noise import NoisePreset
+
+USUAL_BANK = 24
+"""Models of a bank, unless there are many unknowns."""
 
 
 @dataclass(frozen=True)
@@ -16,7 +19,8 @@ class IdentifyOptions:
     """Settings of an identification.
 
     Attributes:
-        bank_size: identification models that run in parallel.
+        bank_size: identification models that run in parallel; None for 24, or for many unknowns three each and three
+            more.
         dwell_s: length T of a dwell window [s]; model states are reset at its start only.
         bandwidth_rad_s: w of the output injection K1 = w^2 H0, K2 = 2 zeta w H0 (clean logs only) [rad/s].
         damping_ratio: zeta of the output injection (clean logs only).
@@ -34,7 +38,7 @@ class IdentifyOptions:
         search: how directions and steps are computed.
     """
 
-    bank_size: int = 24
+    bank_size: int | None = None
     dwell_s: float = 0.5
     bandwidth_rad_s: float = 60.0
     damping_ratio: float = 1.0
@@ -48,13 +52,9 @@ class IdentifyOptions:
     seed: int = 0
     search: SearchOptions = field(default_factory=SearchOptions)
 
-    def search_for(self, noise: SensorNoise | None) -> SearchOptions:
-        """How to search in a log with such noise.
-
-        A model that is too heavy answers less to the noise in its inputs, and scores better for it: in a noisy log mu
-        does not choose among candidates.
-        """
-        return self.search if noise is None else replace(self.search, candidates=0)
+    def models(self, n_unknowns: int) -> int:
+        """Size of the bank for so many unknowns that models are sampled in."""
+        return self.bank_size or max(USUAL_BANK, enough_models(n_unknowns))
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON values, an infinite one as null."""
@@ -67,7 +67,7 @@ class IdentifyOptions:
     def __post_init__(self) -> None:
         require_positive(
             {
-                "bank_size": self.bank_size,
+                "bank_size": USUAL_BANK if self.bank_size is None else self.bank_size,
                 "dwell_s": self.dwell_s,
                 "bandwidth_rad_s": self.bandwidth_rad_s,
                 "passes": self.passes,
@@ -95,7 +95,7 @@ def idle_options(options: IdentifyOptions, noisy: bool) -> tuple[str, ...]:
     kind, names = ("a noisy", _FOR_CLEAN) if noisy else ("a clean", _FOR_NOISY)
     usual = IdentifyOptions()
     changed = [name for name in names if getattr(options, name) != getattr(usual, name)]
-    return tuple(f"--{name.replace('_', '-')} has no effect on {kind} log." for name in changed)
+    return tuple(f"`{name}` has no effect on {kind} log." for name in changed)
 
 
 def _finite(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""How long work tells where it stands: a callback, drawn by whoever calls."""
+"""How long work tells where it stands, and is asked to end early: callbacks, given by whoever calls."""
 
 from __future__ import annotations
 
@@ -11,3 +11,17 @@ Progress: TypeAlias = Callable[[float, str], None]
 
 def silent(fraction: float, what: str) -> None:
     """Say nothing."""
+
+
+def never() -> bool:
+    """Do not stop."""
+    return False
+
+
+def part_of(progress: Progress, start: float, end: float) -> Progress:
+    """Progress of a part that takes the whole from one fraction to another."""
+
+    def tell(fraction: float, what: str) -> None:
+        progress(start + (end - start) * fraction, what)
+
+    return tell

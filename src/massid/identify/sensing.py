@@ -23,36 +23,62 @@ from massid.model.unknowns.sensors import (
 )
 from massid.model.unknowns.unknown import Unknown, nuisance, unknowns_of
 from massid.observer.contact_gate import is_unloaded
+from massid.observer.sensors import ExactSensors, NoisySensors, SensorModel
 from massid.search.parameters import ParameterSpace
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, SensorNoise
 from massid.walk.resampling import rotation_between
-from massid.walk.white_noise import CLEAN_VELOCITY, white_level
+from massid.walk.white_noise import CLEAN_VELOCITY, looks_noisy, white_level
 
 LEAST_SHARE = 0.01
 """Least noise of a state or a force in a log with noise, as a share of `white`."""
 
 
-def resolve_noise(walk: Walk, robot: Robot, options: IdentifyOptions) -> SensorNoise | None:
-    """Noise levels for an identification; None for a log without noise.
+def choose_sensors(walk: Walk, robot: Robot, options: IdentifyOptions, *, explained: bool = False) -> SensorModel:
+    """What the sensors of a log are taken to do: the only place where this is decided.
 
-    With `auto`, white noise is read off the log and slow errors, which no log shows, are those of `realistic`. What
-    shakes may also be the robot, such as by a stiff servo: then the logged torques and wrenches explain the shaking.
+    With `auto`, white noise is read off the log and slow errors, which no log shows, are those of `realistic`.
 
     Args:
         walk: aligned with the robot.
         robot: with nominal masses.
         options: how to identify.
+        explained: whether physics is known to explain the log to rounding, as it never does one with sensor noise.
     """
-    if options.noise == "clean":
+    if options.noise == "auto":
+        noise = None if explained else read_noise(walk, robot)
+    else:
+        noise = None if options.noise == "clean" else PRESETS[options.noise]
+    if noise is None:
+        return ExactSensors(options.bandwidth_rad_s, options.damping_ratio, options.forgetting_rate)
+    return NoisySensors(noise)
+
+
+def read_noise(walk: Walk, robot: Robot) -> SensorNoise | None:
+    """White noise that a log shows; None for none.
+
+    What shakes may also be the robot, such as by a stiff servo: then the logged torques and wrenches explain it.
+
+    Args:
+        walk: aligned with the robot.
+        robot: with nominal masses.
+    """
+    if not looks_noisy(walk):
         return None
-    if options.noise != "auto":
-        return PRESETS[options.noise]
     noise = estimate_white_noise(walk)
-    if noise.joint_velocity < CLEAN_VELOCITY:
-        return None
     noise = replace(noise, joint_velocity=min(noise.joint_velocity, _largest_velocity_noise(robot, walk)))
     return None if noise.joint_velocity < CLEAN_VELOCITY else _floored(noise)
+
+
+def clean_doubts(walk: Walk, robot: Robot, options: IdentifyOptions) -> tuple[str, ...]:
+    """Say so if a log is called clean and is not."""
+    noise = read_noise(walk, robot) if options.noise == "clean" else None
+    if noise is None:
+        return ()
+    return (
+        f"{walk.source} is taken as `noise=clean`, but shows noise of {noise.joint_velocity:.2g} rad/s in the joint "
+        "velocities, which no forces explain: without that option the noise is read off the log.",
+    )
 
 
 def _floored(noise: SensorNoise) -> SensorNoise:

@@ -19,9 +19,9 @@ from functools import partial
 import numpy as np
 
 from massid.errors import LogError
-from massid.identify.assembly import assemble
-from massid.identify.logs import Log, gather_logs, join_spaces
+from massid.identify.logs import PreparedLog, join_spaces
 from massid.identify.options import IdentifyOptions
+from massid.identify.prepare import prepare_log
 from massid.identify.progress import Progress, silent
 from massid.judge.advice import advise
 from massid.judge.motion import observe_motion
@@ -31,7 +31,7 @@ from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.joints import FrictionLoss
 from massid.model.unknowns.unknown import adds_mass
 from massid.observer.blas import single_threaded
-from massid.observer.replay import replay_block, split
+from massid.observer.sensors import ExactSensors, NoisySensors
 from massid.result.combinations import known_sums, open_combinations
 from massid.result.excitation import LARGEST_DEVIATION
 from massid.result.quantities import whole_shapes
@@ -39,7 +39,7 @@ from massid.result.verdict import KNOWN_SUM, VAGUE, Motion, MotionFacts, Verdict
 from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray, IntArray
 from massid.walk import Segment, Walk
-from massid.walk.noise import NoisePreset
+from massid.walk.noise import PRESETS, NoisePreset
 
 REFERENCE: NoisePreset = "realistic"
 """Sensors with which a log without noise is judged."""
@@ -47,40 +47,36 @@ _STRETCHES, _STRETCH_S, _LEAD_S = 8, 0.3, 0.2
 """How many stretches of a long log are looked at, their length, and how long the filter settles before each [s]."""
 _SMOOTHING_S, _SMOOTHING_STILL_S = 0.05, 0.5
 """The information is that of the motion; along the noise of a log a robot that stands still would seem to shake."""
-_BLOCK_STEPS = 50
 _LONGER = (2.0, 4.0, 8.0, 16.0, 32.0)
 
 
 def foresee(
-    walks: Walk | Sequence[Walk],
+    logs: Sequence[PreparedLog],
     robot: Robot,
-    space: ParameterSpace,
+    asked: ParameterSpace,
     options: IdentifyOptions | None = None,
     progress: Progress = silent,
-    asked_noise: str | None = None,
 ) -> Verdict:
     """Judge what a log, or several of one robot, can reveal about some masses, without fitting anything.
 
     Args:
-        walks: the log or logs.
+        logs: as they would be identified.
         robot: the robot with nominal masses.
-        space: the masses asked for, and what else is.
-        options: how the log would be identified; noise and nuisances matter here.
+        asked: the masses asked for, and what else is.
+        options: how the logs would be identified; what is believed of nuisances matters here.
         progress: told the fraction done.
-        asked_noise: the noise that the user asked for, if `options` have what was made of it.
 
     Raises:
-        LogError: a log does not match the robot, or holds too few samples to be judged.
-        BadInputError: some logs have sensor noise and some have none.
+        LogError: a log holds too few samples to be judged.
     """
     started = time.perf_counter()
     options = options or IdentifyOptions()
-    logs = gather_logs(walks, robot, space, options)
-    is_reference = logs[0].noise is None
+    is_reference = isinstance(logs[0].sensors, ExactSensors)
     if is_reference:
         # What a clean log tells of friction, in joints that surely slide or stick, is judged after the fit.
-        space = ParameterSpace(tuple(one for one in space.parameters if not isinstance(one, FrictionLoss)))
-        logs = gather_logs(walks, robot, space, replace(options, noise=REFERENCE))
+        asked = ParameterSpace(tuple(one for one in asked.parameters if not isinstance(one, FrictionLoss)))
+        sensors = NoisySensors(PRESETS[REFERENCE])
+        logs = [prepare_log(log.walk, robot, asked, sensors, options) for log in logs]
     logs = tuple(replace(log, space=_all_tangent(log.space)) for log in logs)
     joint = join_spaces(logs)
     facts = MotionFacts.of_all([observe_motion(robot, log.walk) for log in logs])
@@ -91,14 +87,14 @@ def foresee(
     with single_threaded():
         for k, (log, columns) in enumerate(zip(logs, joint.columns, strict=True)):
             part = partial(_report, progress, k, len(logs))
-            information[np.ix_(columns, columns)] += _information(log, robot, options, width_s, part)
+            information[np.ix_(columns, columns)] += _information(log, robot, width_s, part)
     progress(1.0, "done")
     posterior = _Posterior(joint.space, information)
     everything = posterior.covariance()
-    others = _hidden_others(space, everything)
-    asked = np.array([k for k, parameter in enumerate(space.parameters) if isinstance(parameter, Mass)], dtype=np.int64)
-    space = ParameterSpace(tuple(space.parameters[k] for k in asked))
-    covariance = everything[np.ix_(asked, asked)]
+    others = _hidden_others(asked, everything)
+    masses = np.array([k for k, one in enumerate(asked.parameters) if isinstance(one, Mass)], dtype=np.int64)
+    space = ParameterSpace(tuple(asked.parameters[k] for k in masses))
+    covariance = everything[np.ix_(masses, masses)]
     links = [parameter.target for parameter in space.parameters]
     relative = covariance / np.outer(space.scale, space.scale)
     std = np.sqrt(np.diagonal(relative))
@@ -113,12 +109,12 @@ def foresee(
         covariance=covariance,
         total_std_kg=posterior.total_std_kg(everything),
         total_known=not held and posterior.total_std_kg(everything) < LARGEST_DEVIATION * robot.total_mass_kg,
-        sensors=_sensors(asked_noise or options.noise, is_reference),
+        sensors=_sensors(options.noise, is_reference),
         facts=facts,
         hidden_others=others,
         combinations=combinations,
         sums=() if held else known_sums(links, space.nominal, covariance, groups, KNOWN_SUM),
-        advice=advise(robot, facts, links, hidden, posterior.longer(asked, sum(log.walk.duration_s for log in logs))),
+        advice=advise(robot, facts, links, hidden, posterior.longer(masses, sum(log.walk.duration_s for log in logs))),
         wall_s=time.perf_counter() - started,
     )
 
@@ -126,9 +122,9 @@ def foresee(
 def _sensors(asked_noise: str, is_reference: bool) -> str:
     """With what sensors a log is judged, and why."""
     if is_reference:
-        why = "as --noise clean was asked for" if asked_noise == "clean" else "for the log has no noise"
+        why = "as `noise=clean` was asked for" if asked_noise == "clean" else "for the log has no noise"
         return f"{REFERENCE} sensors, {why}"
-    return "the log's own noise" if asked_noise == "auto" else f"--noise {asked_noise}"
+    return "the log's own noise" if asked_noise == "auto" else f"`noise={asked_noise}`"
 
 
 def _hidden_others(space: ParameterSpace, covariance: FloatArray) -> tuple[str, ...]:
@@ -137,7 +133,8 @@ def _hidden_others(space: ParameterSpace, covariance: FloatArray) -> tuple[str, 
     hidden = std >= LARGEST_DEVIATION * space.scale
     seen = whole_shapes(space, ~hidden)
     rows = zip(space.parameters, seen, strict=True)
-    return tuple(parameter.name for parameter, known in rows if not (known or isinstance(parameter, Mass)))
+    others = [one for one, known in rows if one.requested and not (known or isinstance(one, Mass))]
+    return tuple(one.name for one in others)
 
 
 def _all_tangent(space: ParameterSpace) -> ParameterSpace:
@@ -148,13 +145,10 @@ def _report(progress: Progress, index: int, count: int, done: float) -> None:
     progress((index + done) / count, "judging")
 
 
-def _information(
-    log: Log, robot: Robot, options: IdentifyOptions, smoothing_s: float, progress: Callable[[float], None]
-) -> FloatArray:
+def _information(log: PreparedLog, robot: Robot, smoothing_s: float, progress: Callable[[float], None]) -> FloatArray:
     """Fisher information of one log about its unknowns, shape (n_p, n_p); a noisy one is smoothed for it."""
     walk = log.walk
-    single = replace(options, bank_size=1)
-    bank = assemble(robot, log.space, walk.contact_bodies, walk.timestep_s, log.noise, single).bank
+    bank = log.sensors.bank(robot, log.space, walk.contact_bodies, walk.timestep_s, n_models=1)
     bank.place(log.space.nominal[None])
     stretches = _pick(walk, round(_LEAD_S / walk.timestep_s))
     if not stretches:
@@ -165,16 +159,12 @@ def _information(
     information = np.zeros((len(bank.space), len(bank.space)))
     counted = 0
     for k, (stretch, skipped) in enumerate(stretches):
-        for part in split(stretch, _BLOCK_STEPS):
-            block = replay_block(walk, bank.robot.layout, part)
-            if part.start == stretch.start:
-                bank.restart(block)
-            tangents = bank.advance(block).tangents
-            if tangents is None or part.start < stretch.start + skipped:
+        for part, errors in bank.replay(walk, stretch):
+            if errors.tangents is None or part.start < stretch.start + skipped:
                 continue
-            flat = tangents.reshape(len(tangents), -1)
+            flat = errors.tangents.reshape(len(errors.tangents), -1)
             information += bank.timestep_s * (flat @ flat.T)
-            counted += len(block)
+            counted += len(part) - 1
         progress((k + 1) / len(stretches))
     return information * (walk.duration_s / (counted * walk.timestep_s))
 

@@ -2,42 +2,37 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from massid.identify.assembly import assemble
-from massid.identify.online import BLOCK_STEPS
-from massid.identify.options import IdentifyOptions
+from massid.identify.logs import PreparedLog
 from massid.model.robot import Robot
 from massid.observer.blas import single_threaded
-from massid.observer.replay import replay_block, split
-from massid.observer.spans import Spans
+from massid.observer.sensors import ExactSensors
 from massid.result.checks import Residuals
 from massid.result.result import Result
 from massid.typing import FloatArray
-from massid.walk import Segment, Walk
+from massid.walk import Segment
 
 _LONGEST_S = 2.0
 _LEAD_S = 0.3
 BASE_CHANNELS = ("base position", "base attitude", "base velocity", "base turn rate")
 
 
-def channel_residuals(result: Result, walk: Walk, robot: Robot, options: IdentifyOptions) -> Residuals | None:
+def channel_residuals(result: Result, log: PreparedLog, robot: Robot) -> Residuals | None:
     """Run the identified and the nominal model through the first seconds of a part of a log.
 
     An innovation is whitened by those of the channels before it, so a fault shows in the first channel it reaches.
 
     Args:
         result: what was found.
-        walk: aligned with the robot; best a part that was not fitted.
+        log: with its sensor model; best a part that was not fitted.
         robot: with nominal masses.
-        options: how the result was found.
 
     Returns:
         None for a log without noise, or one that is too short.
     """
-    if result.uncertainty is None:
+    walk, sensors = log.walk, log.sensors
+    if isinstance(sensors, ExactSensors):
         return None
     longest = max(walk.segments, key=len)
     lead = round(_LEAD_S / walk.timestep_s)
@@ -45,22 +40,14 @@ def channel_residuals(result: Result, walk: Walk, robot: Robot, options: Identif
     if len(segment) < 2 * lead:
         return None
     space, point = result.unknowns()
-    pair = replace(options, bank_size=2)
-    look_ahead = Spans.at(walk.timestep_s).look_ahead
     with single_threaded():
-        noise = result.uncertainty.noise
-        bank = assemble(robot, space, walk.contact_bodies, walk.timestep_s, noise, pair, tangents=False).bank
+        bank = sensors.bank(robot, space, walk.contact_bodies, walk.timestep_s, n_models=2, tangents=False)
         bank.place(np.vstack([point, space.nominal]))
         total, counted = np.zeros((2, 2 * robot.model.nv)), 0
-        for part in split(segment, BLOCK_STEPS):
-            ahead = Segment(part.stop - 1, min(part.stop + look_ahead, longest.stop))
-            block = replay_block(walk, robot.layout, part, ahead)
-            if part.start == segment.start:
-                bank.restart(block)
-            errors = bank.advance(block).values
+        for part, errors in bank.replay(walk, segment, stop=longest.stop):
             if part.start >= segment.start + lead:
-                total += bank.timestep_s * np.sum(errors**2, axis=1)
-                counted += len(block)
+                total += bank.timestep_s * np.sum(errors.values**2, axis=1)
+                counted += len(part) - 1
     identified, nominal = total / counted
     return Residuals(
         _names(robot), _by_channel(robot, nominal), _by_channel(robot, identified), counted * walk.timestep_s

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import mujoco
 import numpy as np
@@ -13,16 +13,17 @@ from massid.observer.engine import BatchEngine
 from massid.observer.injection import InertiaShapedInjection, OutputInjection
 from massid.observer.inputs import BelievedBlock
 from massid.observer.kernels import correct_state, state_difference
-from massid.observer.replay import ReplayBlock
-from massid.search.bank import OutputErrors
+from massid.observer.replay import BLOCK_STEPS, ReplayBlock, replay_block, split
+from massid.search.bank import Bank, OutputErrors
 from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray, IntArray
+from massid.walk import Segment, Walk
 
 
-class RobotBank:
+class RobotBank(Bank[ReplayBlock]):
     """N copies of a robot with link masses of their own, driven by measured torques and wrenches.
 
-    Implements `massid.search.bank.Bank`. The output is the whole state: y = (q, qd).
+    The output is the whole state: y = (q, qd).
 
     Args:
         robot: the robot with nominal masses.
@@ -107,6 +108,11 @@ class RobotBank:
         """Whether windows follow each other by `carry_on` instead of `restart`."""
         return self._injection.carries_belief
 
+    @property
+    def look_ahead(self) -> int:
+        """Samples after a block that bear upon it."""
+        return self._injection.look_ahead
+
     def carry_on(self, samples: IntArray) -> None:
         """Go on from the window before with the parameters that were placed since, instead of restarting.
 
@@ -159,6 +165,28 @@ class RobotBank:
             diverged=engine.diverged(),
             tangents=None if gains.tangents is None else gains.tangents.transpose(1, 0, 2),
         )
+
+    def replay(
+        self, walk: Walk, segment: Segment, *, stop: int | None = None, restart: bool = True
+    ) -> Iterator[tuple[Segment, OutputErrors]]:
+        """Run every model through a stretch of a walk, block by block.
+
+        Args:
+            walk: with its joints in the robot's order.
+            segment: samples start .. stop - 1 of it, between which there is no gap.
+            stop: end of the samples that may bear upon the last blocks; default the end of the segment.
+            restart: whether the models start at the first measurement, instead of where they are.
+
+        Yields:
+            The samples of each block, and the output errors at the end of its steps.
+        """
+        stop = segment.stop if stop is None else stop
+        for part in split(segment, BLOCK_STEPS):
+            ahead = Segment(part.stop - 1, min(part.stop + self.look_ahead, stop))
+            block = replay_block(walk, self.robot.layout, part, ahead)
+            if restart and part.start == segment.start:
+                self.restart(block)
+            yield part, self.advance(block)
 
     def _compare(self, qpos: FloatArray, qvel: FloatArray) -> None:
         """Write every model's innovation: what is measured, less what its sensors read too much, minus its state."""

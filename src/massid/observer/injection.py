@@ -48,6 +48,10 @@ class OutputInjection(Protocol):
     judges_friction: ClassVar[bool]
     """Whether it says what friction was, so that the models have none of their own."""
 
+    @property
+    def look_ahead(self) -> int:
+        """Samples after a block that bear upon it."""
+
     def place(self, realisation: Realisation) -> None:
         """Take notice of the models' new parameters; the first of them is the centre."""
 
@@ -94,6 +98,7 @@ class InertiaShapedInjection:
 
     carries_belief: ClassVar[bool] = False
     judges_friction: ClassVar[bool] = False
+    look_ahead: ClassVar[int] = 0
 
     def place(self, realisation: Realisation) -> None:
         """The gain keeps the shape of the nominal model."""

@@ -83,6 +83,11 @@ class InputBelief:
         self._stick_slip = StickSlip(model, layout, noise, self._timestep_s) if rubs else None
         self._before: tuple[FloatArray, ...] = ()
 
+    @property
+    def look_ahead(self) -> int:
+        """Samples after a block that bear upon it."""
+        return self._spans.look_ahead
+
     def place(self, realisation: Realisation) -> None:
         """Take the parameters of the first of N models; lags are the same in all of them."""
         self._sensors = realisation.sensors

@@ -70,6 +70,11 @@ class KalmanInjection:
         self._covariance: FloatArray = np.diag(self._variance)
         self._gain: FloatArray = np.zeros_like(self._covariance)
 
+    @property
+    def look_ahead(self) -> int:
+        """Samples after a block that bear upon it: the motion at its end is told by those that follow."""
+        return self._inputs.look_ahead
+
     def place(self, realisation: Realisation) -> None:
         """Linearise at the centre, the first of the models."""
         self._lineariser.place(realisation.without_friction())

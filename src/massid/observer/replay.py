@@ -11,6 +11,9 @@ from massid.model.layout import JointLayout
 from massid.typing import FloatArray
 from massid.walk import Sample, Segment, Walk
 
+BLOCK_STEPS = 50
+"""Samples that are handed to a bank at a time."""
+
 
 @dataclass(frozen=True)
 class ReplayBlock:

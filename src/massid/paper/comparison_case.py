@@ -19,11 +19,12 @@ from massid.paper.setting import (
 )
 from massid.search.guided import GuidedSearch
 from massid.search.monitoring import Monitoring
+from massid.search.online import score_block
 from massid.systems import non_affine
 from massid.systems.bank import SystemBank
 from massid.systems.dynamic_sampling import DynamicSampling
 from massid.systems.non_affine import copied_controller, copied_system, non_affine_plant, non_affine_system
-from massid.systems.online import OnlineRun, run_online, score_block
+from massid.systems.online import OnlineRun, run_online
 from massid.systems.plant import Disturbance, Plant
 from massid.systems.system import MeasuredBlock
 

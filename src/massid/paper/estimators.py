@@ -9,12 +9,12 @@ import numpy as np
 from massid.paper.setting import N_MODELS, TIMESTEP_S
 from massid.search.gradient import GradientEstimator, estimate_gradient
 from massid.search.monitoring import Monitoring
+from massid.search.online import score_block
 from massid.search.proposal import Proposal, Role
 from massid.search.sampling import Sampling, sample_locally
 from massid.systems import non_affine
 from massid.systems.bank import SystemBank
 from massid.systems.non_affine import non_affine_plant, non_affine_system
-from massid.systems.online import score_block
 from massid.typing import FloatArray
 
 RADIUS = 0.1

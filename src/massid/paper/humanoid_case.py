@@ -9,10 +9,9 @@ import numpy as np
 
 from massid.assets import resolve_model, sample_walk
 from massid.errors import FallError
-from massid.identify import IdentifyOptions, identify_online
+from massid.identify import IdentifyOptions
 from massid.log import read_walk
 from massid.model.robot import Robot
-from massid.model.unknowns.spaces import mass_space
 from massid.paper.recorded import Check
 from massid.paper.setting import DIRECTION_NAMES, Progress, silent
 from massid.paper.walk_drift import WalkDrift, run_walk_drift
@@ -23,6 +22,7 @@ from massid.search.directions import DirectionName
 from massid.search.guided import SearchOptions
 from massid.typing import FloatArray
 from massid.walk import Walk
+from massid.weighing import weigh
 
 THRESHOLD_KG = 0.5
 
@@ -94,13 +94,13 @@ def run_humanoid_case(
     walk, truth = read_walk(log), Truth.load(truth_path(log))
     robot = Robot.load(resolve_model(robot_name))
     links = tuple(robot.walking_links())
-    space = mass_space(robot, links)
     options = IdentifyOptions(seed=seed)
     initial = float(np.linalg.norm([truth.mass_kg[link] - robot.nominal_mass_kg(link) for link in links]))
     errors = {}
     for i, name in enumerate(DIRECTION_NAMES):
         progress(0.3 + 0.2 * i / len(DIRECTION_NAMES), f"masses, {name}")
-        result = identify_online(walk, robot, space, replace(options, search=SearchOptions(direction=name)))
+        with_direction = replace(options, search=SearchOptions(direction=name))
+        result = weigh(walk, robot, links, mode="online", held_out=0.0, checks=False, options=with_direction)
         l2 = np.concatenate([[initial], score(result, truth).l2_error_kg])
         times = np.array([0.0, *(window.time_s for window in result.windows)])
         above = np.flatnonzero(l2 >= THRESHOLD_KG)

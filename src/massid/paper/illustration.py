@@ -10,11 +10,11 @@ import numpy as np
 
 from massid.paper.setting import TIMESTEP_S
 from massid.search.guided import GuidedSearch, Iteration, SearchOptions
+from massid.search.online import score_block
 from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal, Role
 from massid.systems import non_affine
 from massid.systems.bank import SystemBank
-from massid.systems.online import score_block
 from massid.systems.plant import Controller, Plant
 from massid.systems.system import System, coefficient
 from massid.typing import FloatArray

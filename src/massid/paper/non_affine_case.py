@@ -31,12 +31,12 @@ from massid.paper.setting import (
 from massid.search.directions import SECOND_ORDER, DirectionName
 from massid.search.guided import GuidedSearch, SearchOptions
 from massid.search.monitoring import Monitoring
+from massid.search.offline import BlockReplay, run_offline
 from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal, Role
 from massid.systems import non_affine
 from massid.systems.bank import SystemBank
 from massid.systems.non_affine import non_affine_plant, non_affine_system, output_system
-from massid.systems.offline import run_offline
 from massid.systems.online import OnlineRun, run_online
 from massid.systems.plant import Plant
 from massid.typing import FloatArray
@@ -212,7 +212,7 @@ def drift(windows: int = 25, rate: FloatArray | None = None) -> Drift:
         keep_blocks=True,
     )
     again = GuidedSearch(system.space, N_MODELS, DEFAULT, np.random.default_rng([0, 2]))
-    run_offline(run.blocks, bank, again, START_WINDOWS, non_affine.FORGETTING_RATE)
+    run_offline([BlockReplay(bank, run.blocks, non_affine.FORGETTING_RATE)], again, START_WINDOWS)
     times = run.times_s[1:]
     truths = np.array([truth(time) for time in times])
     return Drift(

@@ -8,11 +8,12 @@ import numpy as np
 
 from massid.paper.setting import PAPER_DIRECTION, TIMESTEP_S, WINDOWS, NonAffineRun
 from massid.search.guided import SearchOptions
+from massid.search.online import score_block
 from massid.search.proposal import Proposal, Role
 from massid.systems import non_affine
 from massid.systems.bank import SystemBank
 from massid.systems.non_affine import non_affine_plant, non_affine_system
-from massid.systems.online import OnlineRun, score_block
+from massid.systems.online import OnlineRun
 from massid.typing import FloatArray
 
 PAPER_ERROR = 0.16

@@ -8,14 +8,14 @@ from typing import Generic
 
 import numpy as np
 
-from massid.search.bank import Bank
+from massid.search.bank import Bank, Block
 from massid.search.guided import GuidedSearch, Iteration, SearchOptions
 from massid.search.monitoring import Monitoring
+from massid.search.offline import BlockReplay, run_offline
+from massid.search.online import WindowScorer
 from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal, Role
 from massid.search.quadratic import LocalQuadratic
-from massid.systems.offline import run_offline, score_blocks
-from massid.systems.online import Block
 from massid.typing import FloatArray
 
 SAFE = SearchOptions(direction="safe-gradient", gradient="gram", candidates=0)
@@ -68,7 +68,7 @@ class Recorded(Generic[Block]):
     def score(self, points: FloatArray) -> Monitoring:
         """Score models at any points over all windows; points has shape (n, n_p) and its first row is the centre."""
         proposal = Proposal(points, (Role.CENTRE, *[Role.SAMPLE] * (len(points) - 1)))
-        return score_blocks(self.make_bank(len(points)), proposal, self.blocks, self.forgetting_rate)
+        return BlockReplay(self.make_bank(len(points)), self.blocks, self.forgetting_rate).total(proposal)
 
     def quadratic(self, centre: FloatArray) -> LocalQuadratic:
         """Expand mu around a point, from antithetic samples along the axes."""
@@ -85,17 +85,14 @@ class Recorded(Generic[Block]):
 
     def offline(self, start: FloatArray, passes: int, options: SearchOptions = SAFE) -> list[Iteration]:
         """Minimise the sum of mu over all windows."""
-        search = self.search(start, options)
-        return run_offline(self.blocks, self.make_bank(2 * len(self.space) + 1), search, passes, self.forgetting_rate)
+        replay = BlockReplay(self.make_bank(2 * len(self.space) + 1), self.blocks, self.forgetting_rate)
+        return list(run_offline([replay], self.search(start, options), passes).iterations)
 
     def online(self, start: FloatArray, rounds: int = 1, options: SearchOptions = SAFE) -> list[Iteration]:
         """See one window after the other; in further rounds they come again."""
-        search, bank = self.search(start, options), self.make_bank(2 * len(self.space) + 1)
-        iterations: list[Iteration] = []
-        for _ in range(rounds):
-            for block in self.blocks:
-                iterations += run_offline([block], bank, search, 1, self.forgetting_rate)
-        return iterations
+        search = self.search(start, options)
+        scorer = WindowScorer(self.make_bank(2 * len(self.space) + 1), self.forgetting_rate)
+        return [search.tell(scorer.score(search.ask(), block)) for _ in range(rounds) for block in self.blocks]
 
     def errors(self, start: FloatArray, iterations: list[Iteration]) -> FloatArray:
         """|p - p*| before and after each update, shape (1 + n,)."""

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 from massid.errors import FallError
-from massid.identify import IdentifyOptions, identify_offline, identify_online
+from massid.identify import IdentifyOptions
 from massid.log import read_walk
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
@@ -20,6 +20,7 @@ from massid.paper.setting import Progress, silent
 from massid.plant import PlantOptions, WalkerAgent, make_environment, motorised, record
 from massid.typing import FloatArray
 from massid.walking import Walker, find_gait
+from massid.weighing import weigh
 
 LINK = "torso"
 RATE_KG_S = 0.25
@@ -119,13 +120,13 @@ def run_walk_drift(robot: Robot, folder: Path, seed: int = 0, progress: Progress
     record_filling(robot, log, seed, lambda fraction, what: progress(0.7 * fraction, what))
     walk = read_walk(log)
     links = robot.walking_links()
-    space, options = mass_space(robot, links), IdentifyOptions(seed=seed)
+    options = IdentifyOptions(seed=seed)
     progress(0.7, "drift, online")
-    online = identify_online(walk, robot, space, options)
+    online = weigh(walk, robot, links, mode="online", held_out=0.0, checks=False, options=options)
     progress(0.9, "drift, offline")
-    offline = identify_offline(walk, robot, space, options)
+    offline = weigh(walk, robot, links, mode="offline", held_out=0.0, checks=False, options=options)
     times = np.array([window.time_s for window in online.windows])
-    truths = np.tile(space.nominal, (len(times), 1))
+    truths = np.tile([robot.nominal_mass_kg(link) for link in links], (len(times), 1))
     column = links.index(LINK)
     truths[:, column] += RATE_KG_S * times
     estimates = np.array([window.estimate for window in online.windows])

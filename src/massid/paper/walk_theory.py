@@ -6,18 +6,17 @@ Eq. (23) is not affine in the masses, so here the theorems' assumptions are meas
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import TypeAlias
 
 import numpy as np
 
-from massid.identify import IdentifyOptions
-from massid.identify.assembly import assemble
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
 from massid.observer.bank import RobotBank
 from massid.observer.replay import ReplayBlock, replay_block
+from massid.observer.sensors import ExactSensors
 from massid.paper.recorded import Check, Recorded, growth_of_mu, offline_rate, order_of_change
 from massid.paper.setting import Progress, silent
 from massid.typing import FloatArray
@@ -65,19 +64,18 @@ class WalkTheory:
         space = mass_space(self.robot, self.links)
         count = int(seconds / dwell_s + 1e-9)
         blocks = [replay_block(walk, self.robot.layout, window) for window in walk.windows(dwell_s)]
-        options = IdentifyOptions()
+        sensors = ExactSensors()
 
         @cache
         def bank(n_models: int) -> RobotBank:
-            sized = replace(options, bank_size=n_models)
-            return assemble(self.robot, space, walk.contact_bodies, walk.timestep_s, None, sized).bank
+            return sensors.bank(self.robot, space, walk.contact_bodies, walk.timestep_s, n_models)
 
         return Recorded(
             space=space,
             truth=self.truth_kg,
             blocks=tuple(blocks[:count]),
             make_bank=bank,
-            forgetting_rate=options.forgetting_rate,
+            forgetting_rate=sensors.forgetting_rate,
             spacing=SPACING * space.nominal,
         )
 

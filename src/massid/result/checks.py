@@ -88,6 +88,23 @@ class WeightCheck:
 
 
 @dataclass(frozen=True)
+class Residuals:
+    """Mean squares of whitened innovations; 1 where model and noise explain the channel.
+
+    Attributes:
+        channels: the base's position, attitude, velocity and turn rate, then every joint's position and velocity.
+        nominal: with the model file's masses, shape (n_channels,).
+        identified: with what was found, shape (n_channels,).
+        seconds: of the log they were taken from [s].
+    """
+
+    channels: tuple[str, ...]
+    nominal: FloatArray
+    identified: FloatArray
+    seconds: float
+
+
+@dataclass(frozen=True)
 class Validation:
     """What the log says about the result.
 
@@ -95,11 +112,13 @@ class Validation:
         held_out_s: length of the part that was not fitted [s]; 0 for none.
         torques: prediction of its joint torques; None if nothing was held out.
         weight: of the first log; None if nothing carries the robot.
+        residuals: channel by channel; None for a log without noise.
     """
 
     held_out_s: float
     torques: TorquePrediction | None
     weight: WeightCheck | None
+    residuals: Residuals | None = None
 
     def lines(self) -> list[str]:
         """One line for each check."""
@@ -159,20 +178,3 @@ class Validation:
                 "agrees": self.weight.agrees,
             },
         }
-
-
-@dataclass(frozen=True)
-class Residuals:
-    """Mean squares of whitened innovations; 1 where model and noise explain the channel.
-
-    Attributes:
-        channels: the base's position, attitude, velocity and turn rate, then every joint's position and velocity.
-        nominal: with the model file's masses, shape (n_channels,).
-        identified: with what was found, shape (n_channels,).
-        seconds: of the log they were taken from [s].
-    """
-
-    channels: tuple[str, ...]
-    nominal: FloatArray
-    identified: FloatArray
-    seconds: float

@@ -25,7 +25,7 @@ def disagreement(
     if contradicted:
         return (
             f"the motion would reveal {named}, but windows that contradict each other make the intervals too wide to "
-            "call any of it known: check the model, the torque and force channels and --noise, not the motion.",
+            "call any of it known: check the model, the torque and force channels and `noise`, not the motion.",
         )
     remedy = "take a longer walk" if verdict.facts.motion is Motion.MOVING else "more motion is needed"
     if not std_kg:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from massid.model.unknowns.unknown import Unknown
 from massid.result.checks import Validation
 from massid.result.combinations import Sum
 from massid.result.disagreement import disagreement
+from massid.result.evidence import Evidence
 from massid.result.excitation import Excitation
 from massid.result.posterior import INTERVAL_95, LARGEST_INFLATION
 from massid.result.quantities import Quantity
@@ -139,6 +140,8 @@ class Result:
         wall_s: time it took [s].
         warnings: what the user should know, one line each.
         sources: the logs.
+        evidence: robot and logs that it was found from; None if nobody kept them.
+        stopped: whether the search was stopped from outside.
     """
 
     space: ParameterSpace
@@ -155,6 +158,24 @@ class Result:
     verdict: Verdict | None = None
     validation: Validation | None = None
     quantities: tuple[Quantity, ...] = ()
+    evidence: Evidence | None = field(default=None, repr=False, compare=False)
+    stopped: bool = False
+
+    def save_model(self, path: Path) -> None:
+        """Save the robot's MJCF with what was found in it; what is not identifiable keeps the model file's value.
+
+        Raises:
+            BadInputError: nobody kept the robot.
+            ModelError: the file cannot be written, or does not give the same robot.
+        """
+        if self.evidence is None:
+            raise BadInputError("This result has no robot with it; `Robot.write_mjcf` writes one.")
+        self.evidence.complete.write_mjcf(self.space, self.reported, Path(path), remark=self.kept_text)
+
+    @property
+    def kept_text(self) -> str:
+        """What a saved model does not have from the log, in words; "" if it has all."""
+        return f"{', '.join(self.hidden)}: not identifiable, the model file's value kept" if self.hidden else ""
 
     def checked(self, validation: Validation) -> Result:
         """The result with the checks against its log, and their warnings."""
@@ -194,6 +215,8 @@ class Result:
     @property
     def unsettled(self) -> str | None:
         """Why the search did not converge and what helps, in words; None if it did."""
+        if self.stopped:
+            return "stopped before the search had settled: what it had found by then"
         if self.status is not Status.NOT_CONVERGED:
             return None
         step = np.abs(self.windows[-1].newton_step)
@@ -201,8 +224,8 @@ class Result:
         parameter = self.space.parameters[worst]
         said = f"the last step was still {step[worst]:.2g} {parameter.unit} in {parameter.target}"
         if self.mode == "online":
-            return f"{said}, when the log ended: walk longer, or replay the log with --mode offline"
-        return f"{said}: more --passes, a longer walk, or see the warnings for what is wrong"
+            return f"{said}, when the log ended: walk longer, or replay the log (`mode=offline`)"
+        return f"{said}: more `passes`, a longer walk, or see the warnings for what is wrong"
 
     @property
     def contradicted(self) -> bool:

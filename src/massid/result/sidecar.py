@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.result.checks import Residuals
 from massid.result.result import SCHEMA, Result
 from massid.typing import AnyArray
 
@@ -45,7 +44,7 @@ def sidecar_path(result_path: Path) -> Path:
     return result_path.with_suffix(".npz")
 
 
-def write_sidecar(path: Path, result: Result, residuals: Residuals | None) -> str:
+def write_sidecar(path: Path, result: Result) -> str:
     """Write what the report draws and the document does not hold.
 
     Returns:
@@ -62,6 +61,7 @@ def write_sidecar(path: Path, result: Result, residuals: Residuals | None) -> st
     if result.validation is not None and result.validation.torques is not None:
         torques = result.validation.torques
         arrays |= {f"torque_{name}": getattr(torques, name) for name in ("time_s", "measured", "nominal", "identified")}
+    residuals = None if result.validation is None else result.validation.residuals
     if residuals is not None:
         arrays |= {
             "residual_channels": np.array(residuals.channels),

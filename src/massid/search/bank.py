@@ -1,17 +1,17 @@
 """What the search needs from identification models: a bank that is placed, restarted and advanced.
 
-Humanoids, the paper's small systems and a user's own system all implement the same protocol, so one search drives
-them all.
+Humanoids, the paper's small systems and a user's own system are all such banks, so one search drives them all.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Generic, TypeVar
 
-from massid.typing import BoolArray, FloatArray
+from massid.typing import BoolArray, FloatArray, IntArray
 
-Block_contra = TypeVar("Block_contra", contravariant=True)
+Block = TypeVar("Block")
 
 
 @dataclass(frozen=True)
@@ -31,22 +31,49 @@ class OutputErrors:
     tangents: FloatArray | None = None
 
 
-class Bank(Protocol[Block_contra]):
-    """N identification models (Eq. 3) that run side by side on the same measurements."""
+class Bank(ABC, Generic[Block]):
+    """N identification models (Eq. 3) that run side by side on the same measurements.
+
+    Humanoids, the paper's small systems and a user's own all are such a bank, so that one pair of drivers
+    (`massid.search.offline`, `massid.search.online`) and any other optimiser can run them. A block is whatever a bank
+    takes its measurements from.
+    """
 
     @property
+    @abstractmethod
     def n_models(self) -> int:
         """Number of models N."""
 
     @property
+    @abstractmethod
     def timestep_s(self) -> float:
         """Period of the output errors [s]."""
 
+    @property
+    def carries_belief(self) -> bool:
+        """Whether models go on from window to window (`carry_on`) instead of starting at the measurement again."""
+        return False
+
+    @abstractmethod
     def place(self, points: FloatArray) -> None:
         """Give each model its parameter estimate; points has shape (n_models, n_p)."""
 
-    def restart(self, block: Block_contra) -> None:
-        """Set every model's state to the state measured at the beginning of a block (dwell start)."""
+    @abstractmethod
+    def restart(self, block: Block, *, follows: bool = False) -> None:
+        """Set every model's state to the state measured at the beginning of a block (dwell start).
 
-    def advance(self, block: Block_contra) -> OutputErrors:
+        Args:
+            block: what comes next.
+            follows: whether it follows the block before without a gap.
+        """
+
+    def carry_on(self, samples: IntArray) -> None:
+        """Go on from the window before with the points placed since; called only of banks that carry a belief.
+
+        Args:
+            samples: rows that were samples around the centre, row 0, and did not diverge.
+        """
+
+    @abstractmethod
+    def advance(self, block: Block) -> OutputErrors:
         """Run every model through a block of measurements."""

@@ -178,8 +178,12 @@ class GuidedSearch:
 
     def restarted(self) -> GuidedSearch:
         """A new search from the estimate, for other measurements: candidates and step caps of this one mean nothing."""
+        return self.moved_to(self.space, self._estimate)
+
+    def moved_to(self, space: ParameterSpace, estimate: FloatArray) -> GuidedSearch:
+        """A new search of another space, such as that of another walk's sensors, from a point of it."""
         options = replace(self.options, radius=max(self._radius, self.options.smallest_radius), scan=())
-        return GuidedSearch(self.space, self._n_models, options, self._rng, [self._estimate])
+        return GuidedSearch(space, self._n_models, options, self._rng, [estimate])
 
     def tell(self, monitoring: Monitoring) -> Iteration:
         """Learn from one window: select the best model, step, fill the model set anew.

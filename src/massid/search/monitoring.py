@@ -130,7 +130,7 @@ class Monitoring:
             raise DivergedBankError(
                 f"{int(self.diverged.sum())} of {len(self.diverged)} identification models diverged (models {named}; "
                 f"0 is the centre); a search direction for {n_p} parameters needs the centre and {n_p} samples. Use a "
-                "smaller --radius or another --bandwidth-rad-s, or check the log."
+                "smaller `radius` or another `bandwidth_rad_s`, or check the log."
             )
 
     def local_quadratic(self) -> LocalQuadratic:

@@ -1,17 +1,17 @@
-"""A bank of identification models of one system (Eq. 3), stepped all at once; implements `massid.search.bank.Bank`."""
+"""A bank of identification models of one system (Eq. 3), stepped all at once."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.search.bank import OutputErrors
+from massid.search.bank import Bank, OutputErrors
 from massid.systems.kernels import advance_models
 from massid.systems.system import MeasuredBlock, System
 from massid.typing import FloatArray
 
 
-class SystemBank:
+class SystemBank(Bank[MeasuredBlock]):
     """N models of a system that run side by side on the same measurements.
 
     Args:
@@ -43,8 +43,8 @@ class SystemBank:
             raise BadInputError(f"Points of shape {points.shape} for a bank that holds {self._points.shape}.")
         self._points = np.ascontiguousarray(points, dtype=np.float64)
 
-    def restart(self, block: MeasuredBlock) -> None:
-        """Set every model to the best state estimate at the beginning of a block."""
+    def restart(self, block: MeasuredBlock, *, follows: bool = False) -> None:
+        """Set every model to the best state estimate at the beginning of a block, whatever came before."""
         self._state[:] = block.start
         self._diverged[:] = False
 

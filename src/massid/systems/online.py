@@ -8,33 +8,15 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
 
 import numpy as np
 
 from massid.search.bank import Bank
 from massid.search.guided import Iteration, SearchStatus
-from massid.search.monitoring import Monitoring, MonitoringFilter
-from massid.search.proposal import Proposal
+from massid.search.online import Searcher, WindowScorer
 from massid.systems.plant import Plant
 from massid.systems.system import MeasuredBlock
 from massid.typing import FloatArray
-
-Block = TypeVar("Block")
-
-
-class Search(Protocol):
-    """What the loop needs of a search: points to simulate, scores back, an estimate for the controller."""
-
-    @property
-    def estimate(self) -> FloatArray:
-        """The current estimate, shape (n_p,)."""
-
-    def ask(self) -> Proposal:
-        """Points to simulate in the next window."""
-
-    def tell(self, monitoring: Monitoring) -> Iteration | None:
-        """Learn from one window; None where there is nothing to say about it."""
 
 
 @dataclass(frozen=True)
@@ -70,19 +52,10 @@ class OnlineRun:
         return last if last < len(self.times_s) else None
 
 
-def score_block(bank: Bank[Block], proposal: Proposal, block: Block, forgetting_rate: float) -> Monitoring:
-    """Simulate all points of a proposal over one block, from its beginning."""
-    bank.place(proposal.points)
-    bank.restart(block)
-    scores = MonitoringFilter(bank.n_models, bank.timestep_s, forgetting_rate)
-    scores.update(bank.advance(block))
-    return scores.result(proposal)
-
-
 def run_online(
     plant: Plant,
     bank: Bank[MeasuredBlock],
-    search: Search,
+    search: Searcher,
     windows: int,
     dwell_s: float,
     forgetting_rate: float,
@@ -113,9 +86,10 @@ def run_online(
     motion_times: list[FloatArray] = []
     motions: list[FloatArray] = []
     blocks: list[MeasuredBlock] = []
+    scorer = WindowScorer(bank, forgetting_rate)
     for _ in range(windows):
         motion = plant.run(dwell_s, search.estimate)
-        iteration = search.tell(score_block(bank, search.ask(), motion.block, forgetting_rate))
+        iteration = search.tell(scorer.score(search.ask(), motion.block))
         if iteration is not None:
             iterations.append(iteration)
         times.append(plant.time_s)

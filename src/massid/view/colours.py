@@ -33,6 +33,9 @@ LINK_COLOURS = (
 ROLE_COLOURS = {Role.CENTRE: "#e5397f", Role.CANDIDATE: "#f0a830", Role.SAMPLE: "#7d9cc0"}
 FORCE_COLOURS = ("#4a90e2", "#f0883e", "#3fb68b", "#a879e6")
 HEADLINE_COLOUR = "#e5397f"
+INTERVAL_COLOUR = "#c3ccd6"
+PASS_COLOURS = ("#3a4350", "#566476")
+"""Stretches of passes, by turns: quiet, for the colours of links and lines say more."""
 
 
 def badness(relative_error: FloatArray) -> FloatArray:

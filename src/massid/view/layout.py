@@ -9,18 +9,22 @@ import rerun.blueprint as rrb
 from massid.model.robot import Robot
 from massid.search.proposal import Role
 from massid.view.motion import Motion
-from massid.view.names import FORCES, HEADLINE, ITERATION, SCALE, SIM_TIME, TABLE, TARGET, WORLD
-from massid.view.span import plot_end_s
+from massid.view.names import FORCES, HEADLINE, PASSES, SCALE, SIM_TIME, TABLE, TARGET, WORLD
+from massid.view.span import pass_names, plot_end_s
 from massid.view.trace import Trace
 
 BACKGROUND = (20, 23, 29)
 CAMERA_DIRECTION = (1.08, -0.95, 0.23)
 """From the base to the camera, in heights of the robot."""
+LEGEND_SHARE, LETTER_SHARE = 0.05, 0.0072
+"""Width of a plot's legend and of a letter in it, in widths of the plot."""
 
 
 def make_blueprint(trace: Trace, motion: Motion, robot: Robot) -> rrb.Blueprint:
     """The robot on the left with its table, the curves on the right."""
     headline = "L2 mass error [kg], log10" if trace.has_truth else "Newton step [kg], log10"
+    if trace.has_intervals:
+        headline += "; thin: 95 % intervals together"
     legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
     axis = _plot_axis(trace, motion)
     error = rrb.TimeSeriesView(
@@ -28,13 +32,13 @@ def make_blueprint(trace: Trace, motion: Motion, robot: Robot) -> rrb.Blueprint:
     )
     masses = rrb.TimeSeriesView(
         origin="/mass",
-        name="Estimate minus model file [kg]" + _thin_lines(trace),
+        name="Estimate minus model file [kg]" + _other_lines(trace),
         axis_x=axis,
         plot_legend=legend,
     )
     models = rrb.TimeSeriesView(
         origin="/models",
-        name="Score mu of every model, log10",
+        name=f"Score mu of every model{'' if trace.errors_scored is None else ' per output error'}, log10",
         axis_x=axis,
         axis_y=_score_axis(trace),
         plot_legend=legend,
@@ -50,17 +54,19 @@ def make_blueprint(trace: Trace, motion: Motion, robot: Robot) -> rrb.Blueprint:
         ),
         column_shares=[1.9, 1],
     )
-    curves = (
-        rrb.Vertical(error, masses, models, forces, row_shares=[3, 4, 3, 2.4])
-        if trace.online
-        else rrb.Vertical(error, masses, rrb.Tabs(models, forces), row_shares=[3, 4, 3])
-    )
+    views, shares = [error, masses, models, forces], [3.0, 4.0, 3.0, 2.4]
+    if not trace.online:
+        name = "Along the walk: estimates after each pass over the log"
+        if pass_names(trace)[0] == "0":
+            name += "; 0: model file"
+        passes = rrb.StateTimelineView(origin=f"/{PASSES}", name=name, time_view=axis)
+        views, shares = [passes, *views], [1.3, *shares]
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
                 _scene(trace, motion, robot), table, row_shares=[1.0 - _table_share(trace), _table_share(trace)]
             ),
-            curves,
+            rrb.Vertical(*views, row_shares=shares),
             column_shares=[1.1, 1],
         ),
         rrb.TopPanel(state="expanded"),
@@ -68,10 +74,9 @@ def make_blueprint(trace: Trace, motion: Motion, robot: Robot) -> rrb.Blueprint:
         rrb.SelectionPanel(state="hidden"),
         rrb.TimePanel(
             state="collapsed",
-            timeline=SIM_TIME if trace.online else ITERATION,
+            timeline=SIM_TIME,
             play_state="playing",
             loop_mode="all",
-            fps=None if trace.online else 1.0,
         ),
         auto_views=False,
         auto_layout=False,
@@ -79,12 +84,11 @@ def make_blueprint(trace: Trace, motion: Motion, robot: Robot) -> rrb.Blueprint:
 
 
 def _scene(trace: Trace, motion: Motion, robot: Robot) -> rrb.Spatial3DView:
-    what = "mass error" if trace.has_truth else "distance to the final estimate"
     target = motion.position[0, robot.model.body(robot.root_body).id]
     position = target + motion.height_m * np.array(CAMERA_DIRECTION)
     return rrb.Spatial3DView(
         origin=f"/{WORLD}",
-        name=f"{robot.source}: colour shows each link's {what}",
+        name=f"{robot.source}: colour shows each link's {trace.colour_meaning}",
         background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=BACKGROUND),
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.5, color=[255, 255, 255, 28], stroke_width=1.0),
         eye_controls=rrb.EyeControls3D(
@@ -93,20 +97,23 @@ def _scene(trace: Trace, motion: Motion, robot: Robot) -> rrb.Spatial3DView:
     )
 
 
-def _thin_lines(trace: Trace) -> str:
-    """What the thin lines among the masses are."""
-    names = ["truth"] if trace.has_truth else []
-    names += ["95 % interval"] if np.isfinite(trace.std_kg).any() else []
-    return f"; thin: {', '.join(names)}" if names else ""
+def _other_lines(trace: Trace) -> str:
+    """What the thin and the dotted lines among the masses are."""
+    if trace.has_intervals:
+        return "; thin: 95 % interval" + (", dotted: truth" if trace.has_truth else "")
+    return "; thin: truth" if trace.has_truth else ""
 
 
 def _plot_axis(trace: Trace, motion: Motion) -> rrb.TimeAxis:
-    boundary = rr.TimeRangeBoundary.absolute
-    if trace.online:
-        shown = rr.TimeRange(start=boundary(seconds=0.0), end=boundary(seconds=plot_end_s(trace, motion)))
-    else:
-        shown = rr.TimeRange(start=boundary(seq=0), end=boundary(seq=len(trace.updates) + 1))
-    return rrb.TimeAxis(view_range=shown)
+    boundary, end_s = rr.TimeRangeBoundary.absolute, plot_end_s(trace, motion)
+    if not trace.online:
+        end_s /= 1.0 - _legend_share(trace)
+    return rrb.TimeAxis(view_range=rr.TimeRange(start=boundary(seconds=0.0), end=boundary(seconds=end_s)))
+
+
+def _legend_share(trace: Trace) -> float:
+    """Share of a plot's width that the links' legend takes: offline, the last estimates end where it begins."""
+    return min(0.3, LEGEND_SHARE + LETTER_SHARE * max((len(link) for link in trace.links), default=0))
 
 
 def _score_axis(trace: Trace) -> rrb.ScalarAxis | None:
@@ -114,7 +121,8 @@ def _score_axis(trace: Trace) -> rrb.ScalarAxis | None:
     values = np.log10(np.concatenate(scores)) if scores else np.empty(0)
     if not len(values):
         return None
-    margin = 0.5 + 0.06 * float(np.ptp(values))
+    spread = max(float(np.ptp(values)), 0.1)
+    margin = min(0.5, 0.5 * spread) + 0.06 * spread
     return rrb.ScalarAxis(range=(float(values.min()) - margin, float(values.max()) + margin))
 
 

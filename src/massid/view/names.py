@@ -6,11 +6,12 @@ from massid.search.proposal import Role
 
 APPLICATION = "massid"
 SIM_TIME = "sim_time"
-ITERATION = "iteration"
 WORLD = "world"
 TARGET = "world/camera_target"
 HEADLINE = "headline"
+HEADLINE_INTERVAL = "headline/interval"
 FORCES = "contact"
+PASSES = "passes"
 TABLE = "table"
 SCALE = "colour_scale"
 

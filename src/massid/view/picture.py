@@ -144,7 +144,7 @@ def _draw_robot(figure: Any, trace: Trace, chosen: list[int], pictures: list[Any
         axis.set_title(_moment(trace, row), loc="center", fontsize=9.5, fontweight="normal")
     colour_map = ListedColormap(colours.scale_rgb(np.linspace(0.0, 1.0, 256)))
     norm = LogNorm(100 * colours.BEST_ERROR, 100 * colours.WORST_ERROR)
-    what = "mass error [% of the link]" if trace.has_truth else "distance to the final estimate [%]"
+    what = f"{trace.colour_meaning} [% of the link]".replace(", ", ",\n")
     bar = figure.colorbar(
         ScalarMappable(norm, colour_map), ax=list(np.atleast_1d(axes)), shrink=0.72, aspect=22, pad=0.01
     )
@@ -226,7 +226,7 @@ def _draw_masses(axis: Any, trace: Trace, end_s: float) -> None:
             annotation_clip=False,
         )
     axis.set_ylabel("estimate − model file [kg]")
-    bands = "; bands: 95 %" if np.isfinite(trace.std_kg).any() else ""
+    bands = "; bands: 95 %" if trace.has_intervals else ""
     axis.set_title("Each link's mass" + ("; dashed: truth" if trace.has_truth else "") + bands)
 
 
@@ -269,7 +269,7 @@ def _draw_scores(axis: Any, trace: Trace, end_s: float) -> None:
             np.concatenate(places), np.concatenate(scores), s=size, color=colour, label=label, zorder=order, lw=0
         )
     axis.set_yscale("log")
-    axis.set_ylabel("score μ")
+    axis.set_ylabel("score μ" if trace.errors_scored is None else "score μ per output error")
     axis.set_title(
         f"Scores of all {len(trace.updates[0].mu)} models, window by window"
         if trace.online

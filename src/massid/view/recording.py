@@ -1,8 +1,9 @@
 """A Rerun recording of a walk and of what was learnt from it, laid out by an embedded blueprint.
 
-Online, everything lies on the timeline `sim_time`: at time t the robot has the colours of the estimate after the last
-complete dwell window. Offline, every update comes from a pass over the whole log, so updates have a timeline of their
-own, `iteration`, on which the robot stands still; `sim_time` then shows the walk in the colours of the final estimate.
+Everything lies on one timeline, `sim_time`, the time in the log, so that wherever its cursor stands the robot walks and
+no chart is empty. Online, colours, curves and table at time t are those of the estimate after the last complete dwell
+window. Offline every update comes from a pass over the whole log and belongs to no moment of it: the passes share the
+walk's time out among themselves, one after the other (`massid.view.span`), and a lane above the curves numbers them.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ from massid.view.motion import Motion, sample_motion
 from massid.view.names import (
     APPLICATION,
     HEADLINE,
-    ITERATION,
+    HEADLINE_INTERVAL,
+    PASSES,
     SCALE,
     SIM_TIME,
     TABLE,
@@ -40,6 +42,7 @@ from massid.view.names import (
     truth_path,
 )
 from massid.view.shapes import body_mesh
+from massid.view.span import pass_names, update_times_s
 from massid.view.table import table_markdown
 from massid.view.trace import FLOOR_KG, Trace
 from massid.walk import Walk
@@ -48,6 +51,8 @@ FORCE_LENGTH, FORCE_RADIUS = 0.28, 0.009
 """Size of the arrow of a force as large as the robot's weight, in heights of the robot."""
 CAMERA_SMOOTHING_S, CAMERA_DROP = 0.6, 0.06
 SCALE_PIXELS = (140, 24)
+DOTS = 80
+"""Points of a dotted line."""
 
 
 def write_recording(path: Path, walk: Walk, robot: Robot, result: Result, score: Score | None = None) -> None:
@@ -76,6 +81,8 @@ def write_recording(path: Path, walk: Walk, robot: Robot, result: Result, score:
     writer = _Writer(stream, motion, trace)
     writer.scene(robot)
     writer.curves()
+    if not trace.online:
+        writer.passes()
     writer.table(result, score)
     stream.flush()
     stream.disconnect()
@@ -86,7 +93,7 @@ class _Writer:
 
     def __init__(self, stream: rr.RecordingStream, motion: Motion, trace: Trace) -> None:
         self._stream, self._motion, self._trace = stream, motion, trace
-        self._updates = _update_axis(trace)
+        self._times_s = update_times_s(trace, motion)
         self._frames = [rr.TimeColumn(SIM_TIME, duration=motion.time_s)]
 
     def scene(self, robot: Robot) -> None:
@@ -106,16 +113,25 @@ class _Writer:
         else:
             steps = _log10(trace.step_norm_kg, FLOOR_KG)
             self._line(HEADLINE, steps, "Newton step", colours.HEADLINE_COLOUR, 3.0, first=1)
+        self._interval_line(
+            HEADLINE_INTERVAL, _log10(trace.together_half_width_kg, FLOOR_KG), "95 %", colours.INTERVAL_COLOUR
+        )
         for k, link in enumerate(trace.links):
             colour = colours.LINK_COLOURS[k % len(colours.LINK_COLOURS)]
             change = trace.estimate_kg[:, k] - trace.nominal_kg[k]
             self._line(estimate_path(link), change, link, colour, 2.5)
             self._interval(link, change, trace.drawn_half_width_kg[:, k], colour)
             if trace.has_truth:
-                true = np.full(len(change), trace.reference_kg[k] - trace.nominal_kg[k])
-                self._line(truth_path(link), true, link, colour, 1.0)
+                self._truth(link, float(trace.reference_kg[k] - trace.nominal_kg[k]), colour)
         for role in Role:
             self._scores(role)
+
+    def passes(self) -> None:
+        """Whose estimates are shown when: a lane of the model file and the passes."""
+        names = pass_names(self._trace)
+        fills = [colours.hex_rgba8(colours.PASS_COLOURS[row % 2]) for row in range(len(names))]
+        self._stream.log(PASSES, rr.StateConfiguration(values=names, colors=fills), static=True)
+        self._send(PASSES, rr.StateChange.columns(state=names), list(range(len(names))))
 
     def table(self, result: Result, score: Score | None) -> None:
         """The table of all links, as it stood after every update."""
@@ -147,10 +163,6 @@ class _Writer:
             rgb = np.array([colours.NEUTRAL])
         albedo = colours.rgba8(rgb)
         self._send(path, rr.Mesh3D.columns(albedo_factor=albedo), list(range(len(albedo))))
-        if not trace.online:
-            self._stream.send_columns(
-                path, [rr.TimeColumn(SIM_TIME, duration=[0.0])], [*rr.Mesh3D.columns(albedo_factor=albedo[-1:])]
-            )
 
     def _camera_target(self, body: int) -> None:
         """A point that follows the base smoothly; a camera on the base itself would shake with every step."""
@@ -165,16 +177,10 @@ class _Writer:
         self._pose(TARGET, smooth)
 
     def _pose(self, path: str, position: FloatArray, quaternion: FloatArray | None = None) -> None:
-        """Send how a frame moves; on a timeline without a walk it stands where it was halfway through the log."""
+        """Send how a frame moves."""
         self._stream.send_columns(
             path, self._frames, [*rr.Transform3D.columns(translation=position, quaternion=quaternion)]
         )
-        if not self._trace.online:
-            half = slice(len(position) // 2, len(position) // 2 + 1)
-            still = rr.Transform3D.columns(
-                translation=position[half], quaternion=None if quaternion is None else quaternion[half]
-            )
-            self._stream.send_columns(path, [rr.TimeColumn(ITERATION, sequence=[0])], [*still])
 
     def _contacts(self, robot: Robot) -> None:
         motion = self._motion
@@ -214,14 +220,27 @@ class _Writer:
         )
 
     def _interval(self, link: str, change: FloatArray, half_width: FloatArray, colour: str) -> None:
-        """Thin lines at both ends of the 95 % interval, from the first update that has one; the viewer has no bands."""
-        known = np.flatnonzero(np.isfinite(half_width))
-        if not len(known):
-            return
-        first = int(known[0])
+        """Thin lines at both ends of the 95 % interval; the viewer has no bands."""
         for end, sign in (("low", -1.0), ("high", 1.0)):
-            values = (change + sign * half_width)[first:]
-            self._line(interval_path(link, end), values, link, colour, 0.8, first=first, opacity=0.6)
+            self._interval_line(interval_path(link, end), change + sign * half_width, link, colour)
+
+    def _interval_line(self, path: str, values: FloatArray, name: str, colour: str) -> None:
+        """A thin line from the first update on that has an interval, if one has."""
+        known = np.flatnonzero(np.isfinite(values))
+        if len(known):
+            first = int(known[0])
+            self._line(path, values[first:], name, colour, 1.2, first=first, opacity=0.75)
+
+    def _truth(self, link: str, change_kg: float, colour: str) -> None:
+        """A line at the true mass: thin, or dotted where thin lines are the ends of intervals."""
+        path = truth_path(link)
+        if not self._trace.has_intervals:
+            self._line(path, np.full(len(self._times_s), change_kg), link, colour, 1.0)
+            return
+        style = rr.SeriesPoints(colors=[colours.hex_rgba8(colour)], names=[link], marker_sizes=[1.2])
+        self._stream.log(path, style, static=True)
+        times = rr.TimeColumn(SIM_TIME, duration=np.linspace(0.0, float(self._motion.time_s[-1]), DOTS))
+        self._stream.send_columns(path, [times], [*rr.Scalars.columns(scalars=np.full(DOTS, change_kg))])
 
     def _scores(self, role: Role) -> None:
         """One point per model and window; fewer models than in other windows leave gaps."""
@@ -254,7 +273,7 @@ class _Writer:
         rows = list(range(first, first + len(values)))
         self._send(path, rr.Scalars.columns(scalars=values), rows)
         end_s = float(self._motion.time_s[-1])
-        if self._trace.online and len(values) and end_s > self._trace.update_time_s[-1]:
+        if len(values) and end_s > self._times_s[-1]:
             column = rr.TimeColumn(SIM_TIME, duration=[end_s])
             self._stream.send_columns(path, [column], [*rr.Scalars.columns(scalars=values[-1:])])
 
@@ -267,14 +286,8 @@ class _Writer:
 
     def _send(self, path: str, columns: Any, rows: Sequence[int]) -> None:
         """Send rows that belong to updates: row 0 is the model file, row k + 1 follows update k."""
-        self._stream.send_columns(path, [self._updates(rows)], [*columns])
-
-
-def _update_axis(trace: Trace) -> Any:
-    """How rows of a trace become times: moments of the walk online, a sequence offline."""
-    if trace.online:
-        return lambda rows: rr.TimeColumn(SIM_TIME, duration=trace.update_time_s[list(rows)])
-    return lambda rows: rr.TimeColumn(ITERATION, sequence=list(rows))
+        times = rr.TimeColumn(SIM_TIME, duration=self._times_s[list(rows)])
+        self._stream.send_columns(path, [times], [*columns])
 
 
 def _log10(values: FloatArray, floor: float) -> AnyArray:

@@ -22,7 +22,7 @@ def table_markdown(trace: Trace, update: int, result: Result, score: Score | Non
         columns = "true [kg] | error [kg]"
     if update == len(trace.updates):
         summary += f", {result.status}"
-    interval = ", 95 %" if np.isfinite(trace.std_kg).any() else ""
+    interval = ", 95 %" if trace.has_intervals else ""
     lines = [
         f"{heading}: {summary}",
         "",
@@ -66,7 +66,7 @@ def format_kg(mass_kg: float) -> str:
 
 def _moment(trace: Trace, update: int) -> str:
     if update == 0:
-        return "Masses of the model file"
+        return "Masses of the model file" if trace.online else f"Model file, before pass 1 of {len(trace.updates)}"
     if trace.online:
         return f"After window {update} of {len(trace.updates)}, {trace.update_time_s[update]:.2f} s"
     return f"After pass {update} of {len(trace.updates)}"

@@ -86,9 +86,23 @@ class Trace:
         return INTERVAL_95 * self.std_kg
 
     @cached_property
+    def together_half_width_kg(self) -> FloatArray:
+        """L2 norm of each row's 95 % intervals, NaN where a link has none, shape (1 + n_updates,).
+
+        The L2 error of all masses is seldom larger, and a step much smaller is hardly worth another pass.
+        """
+        return np.asarray(np.linalg.norm(self.half_width_kg, axis=1), dtype=np.float64)
+
+    @cached_property
+    def has_intervals(self) -> bool:
+        """Whether any row has a 95 % interval."""
+        return bool(np.isfinite(self.std_kg).any())
+
+    @cached_property
     def drawn_half_width_kg(self) -> FloatArray:
-        """The same, without intervals so wide that a plot which held them would show nothing else."""
-        widest = 1.5 * float(np.abs(self.estimate_kg - self.nominal_kg).max())
+        """The same, without earlier intervals so wide that a plot which held them would show nothing else."""
+        change, final = np.abs(self.estimate_kg - self.nominal_kg), np.nan_to_num(self.half_width_kg[-1])
+        widest = 1.5 * max(float(change.max()), float(final.max()))
         return np.where(self.half_width_kg < widest, self.half_width_kg, np.nan)
 
     @cached_property
@@ -110,13 +124,22 @@ class Trace:
     def relative_error(self) -> FloatArray:
         """|error| as a fraction of the link's mass, shape (1 + n_updates, n_links): what colours the links.
 
-        Without truth the final estimate is no better than the last step that led to it, so that a search which still
-        jumps about never ends in the colour of a good estimate.
+        Without truth the final estimate is no better than the last step that led to it, nor than its 95 % interval, so
+        that a search which still jumps about, or a mass that noise hides, never ends in the colour of a good estimate.
+        A link that the log does not reveal stays as bad as can be.
         """
         error = np.abs(self.error_kg)
         if not self.has_truth:
-            error = np.maximum(error, np.abs(self.newton_step_kg[-1]))
+            error = np.maximum(error, np.fmax(np.abs(self.newton_step_kg[-1]), self.half_width_kg[-1]))
+            error[:, ~self.identifiable] = np.inf
         return np.asarray(error / self.reference_kg, dtype=np.float64)
+
+    @property
+    def colour_meaning(self) -> str:
+        """What `relative_error` is, in words."""
+        if self.has_truth:
+            return "mass error"
+        return "distance to the final estimate" + (", at least its 95 % interval" if self.has_intervals else "")
 
     @cached_property
     def roles(self) -> tuple[tuple[Role, ...], ...]:
@@ -128,9 +151,26 @@ class Trace:
         return np.array([row for row, found in enumerate(self.roles[update]) if found is role], dtype=np.int64)
 
     def mu(self, update: int, role: Role) -> FloatArray:
-        """Finite scores of the models of one window that had a role."""
+        """Finite scores of the models of one window that had a role; offline, per output error if that is known."""
         scores = self.updates[update].mu[self.rows_of(update, role)]
+        if self.errors_scored is not None:
+            scores = scores / self.errors_scored[update]
         return np.maximum(scores[np.isfinite(scores)], FLOOR_MU)
+
+    @cached_property
+    def errors_scored(self) -> FloatArray | None:
+        """How many scalar output errors the scores of each pass sum up, shape (n_updates,).
+
+        The first passes over a noisy log end after a part of it: only scores per output error can be compared. Noise
+        alone gives 1. None online, where all windows are of the same length, and where a pass does not say.
+        """
+        if self.online:
+            return None
+        centres = [window.mu[self.rows_of(update, Role.CENTRE)].sum() for update, window in enumerate(self.updates)]
+        chi2 = np.array([window.chi2 for window in self.updates])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            count = np.array(centres) / chi2
+        return count if np.all(np.isfinite(count) & (count > 0.0)) else None
 
 
 def _deviations(result: Result) -> FloatArray:

@@ -7,12 +7,14 @@ transfer over each new period is kept, so they become the mean of what was held 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from massid.typing import FloatArray, IntArray
 from massid.walk.conventions import NANOSECONDS
+from massid.walk.walk import Segment, Walk
 
 
 @dataclass(frozen=True)
@@ -109,3 +111,33 @@ def from_rotation(vector: FloatArray) -> FloatArray:
     angle = np.linalg.norm(vector, axis=1, keepdims=True)
     scale = np.where(angle < 1e-12, 0.5, np.sin(0.5 * angle) / np.maximum(angle, 1e-300))
     return np.hstack([np.cos(0.5 * angle), scale * vector])
+
+
+def stamped_earlier(walk: Walk, effort_s: float, wrench_s: float) -> Walk:
+    """The walk with torques and wrenches that are stamped late put back to when they acted.
+
+    Each becomes the mean of what its readings hold over the sample's period, which is a reading itself where the lag is
+    a whole number of periods. Samples for which there is no reading any more leave their segment.
+
+    Args:
+        walk: with its sample periods even.
+        effort_s: how much later than the state the torques are stamped [s].
+        wrench_s: the same of the wrenches [s].
+    """
+    late = [round(lag_s / walk.timestep_s, 6) for lag_s in (effort_s, wrench_s)]
+    before, after = (max(0, math.ceil(max(sign * lag for lag in late))) for sign in (-1.0, 1.0))
+    segments = tuple(
+        Segment(segment.start + before, segment.stop - after)
+        for segment in walk.segments
+        if len(segment) > before + after
+    )
+    effort, wrench = walk.effort.copy(), walk.wrench.copy()
+    for segment in segments:
+        rows = np.arange(segment.start, segment.stop)
+        for values, source, lag in ((effort, walk.effort, late[0]), (wrench, walk.wrench, late[1])):
+            below = math.floor(lag)
+            share = lag - below
+            values[rows] = source[rows + below]
+            if share:
+                values[rows] = (1.0 - share) * source[rows + below] + share * source[rows + below + 1]
+    return replace(walk, effort=effort, wrench=wrench, segments=segments)

@@ -152,7 +152,7 @@ class Walk:
             longest = max(len(segment) for segment in self.segments) * self.timestep_s
             raise LogError(
                 f"{self.source}: {longest:.4g} s of samples without a gap do not fill one dwell window of {dwell_s} s; "
-                "record a longer walk or use a shorter --dwell-s."
+                "record a longer walk or use a shorter `dwell_s`."
             )
         return windows
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from massid.typing import FloatArray
+from massid.walk.walk import Walk
 
 _THIRD_DIFFERENCE_GAIN = np.sqrt(20.0)
 _QUIET_QUANTILE, _QUIET_NORMAL = 0.25, 0.31864
@@ -32,3 +33,8 @@ def white_level(signal: FloatArray, already_differenced: int = 0) -> float:
     quiet = np.quantile(np.abs(differences), _QUIET_QUANTILE, axis=0) / (_QUIET_NORMAL * _THIRD_DIFFERENCE_GAIN)
     flips = np.mean(differences[1:] * differences[:-1] < 0.0, axis=0)
     return float(np.median(np.where(flips > _FEWEST_FLIPS, quiet, 0.0)))
+
+
+def looks_noisy(walk: Walk) -> bool:
+    """Whether joint velocities shake from sample to sample; of a stiff servo that may be motion, which forces tell."""
+    return white_level(walk.qvel[:, 6:]) >= CLEAN_VELOCITY

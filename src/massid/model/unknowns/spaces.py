@@ -39,16 +39,18 @@ def parameter_space(robot: Robot, links: Iterable[str], unknowns: Iterable[str |
         robot: the robot with nominal values.
         links: whose mass is unknown.
         unknowns: what else is: KIND/TARGET, such as "com/torso", "inertia/torso", "payload/l_hand@0,0,0.1",
-            "friction/l_knee" or "damping/l_knee", or unknowns themselves, of whatever class.
+            "friction/l_knee" or "damping/l_knee", or unknowns themselves, of whatever class; those that enter by their
+            derivative come last.
 
     Raises:
         ModelError: the robot has no such link, body or joint, or nothing about it can be told.
-        BadInputError: no links, something named twice, no such kind, or a target that it cannot have.
+        BadInputError: nothing is unknown or something twice, no such kind, or a target that it cannot have.
     """
-    found: list[Parameter] = list(mass_space(robot, links).parameters)
+    links, unknowns = tuple(links), tuple(unknowns)
+    found: list[Parameter] = list(mass_space(robot, links).parameters) if links or not unknowns else []
     for one in unknowns:
         found += ask(robot, one) if isinstance(one, str) else [one]
-    return ParameterSpace(tuple(found))
+    return ParameterSpace(tuple(sorted(found, key=lambda one: one.tangent)))
 
 
 def ask(robot: Robot, text: str) -> Sequence[Unknown]:

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from massid.identify.averaging import REACHES_S, suitable_reach_s
 from massid.model.unknowns.spaces import mass_space
+from massid.observer.averaging import REACHES_S, suitable_reach_s
 from massid.observer.spans import REACH_S
 from massid.typing import FloatArray
 from massid.walk import Walk

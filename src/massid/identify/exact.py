@@ -1,0 +1,104 @@
+"""Inference from readings without error: mu as in the paper, solved to rounding."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from massid.identify.findings import Assessment, Findings
+from massid.identify.options import IdentifyOptions
+from massid.model.robot import Robot
+from massid.result.excitation import assess_excitation
+from massid.result.result import WindowResult
+from massid.search.guided import Iteration, SearchOptions, SearchStatus
+from massid.search.monitoring import Monitoring
+from massid.search.offline import UntilConverged
+from massid.search.parameters import ParameterSpace
+from massid.search.quadratic import LocalQuadratic
+from massid.walk import Walk
+
+LARGEST_REST = 1e-3
+"""Share of the links' masses that may stay unexplained."""
+MARGIN = 10.0
+"""Factor on the part of mu that the curvature of the output error in the masses explains."""
+
+
+class ExactInference:
+    """Nothing but what is sampled is unknown, and the windows' Hessians tell what the log reveals of it."""
+
+    def unknowns(self, asked: ParameterSpace, robot: Robot, walk: Walk, options: IdentifyOptions) -> ParameterSpace:
+        """The parameters asked for, without nuisances that a user may have brought."""
+        return ParameterSpace(asked.parameters[: asked.n_sampled])
+
+    def search_options(self, options: SearchOptions) -> SearchOptions:
+        """As they are."""
+        return options
+
+    def prior(self, space: ParameterSpace) -> LocalQuadratic | None:
+        """None."""
+        return None
+
+    def pass_rule(self, space: ParameterSpace) -> UntilConverged:
+        """All windows, until the search has converged."""
+        return UntilConverged()
+
+    def learning(self, space: ParameterSpace, options: IdentifyOptions) -> ExactLearning:
+        """Hessians of all windows."""
+        return ExactLearning(space)
+
+    def deviations(self, space: ParameterSpace, quadratic: LocalQuadratic, inflation: float) -> None:
+        """None."""
+
+    def assess(self, findings: Findings, trace: Sequence[WindowResult], timestep_s: float, settled: bool) -> Assessment:
+        """Judge the sum of the windows' Hessians, and what is left of mu."""
+        space = findings.space
+        excitation = assess_excitation(space, findings.information.curvature, timestep_s)
+        return Assessment(excitation, None, settled, _misfit(findings, settled))
+
+
+class ExactLearning:
+    """Windows that are judged on their own; their Hessians add up.
+
+    Args:
+        space: what is unknown.
+    """
+
+    def __init__(self, space: ParameterSpace) -> None:
+        self.belief: LocalQuadratic | None = None
+        self.information = LocalQuadratic.belief(space.nominal, np.zeros(len(space)))
+        self.last = self.information
+        self.starts_anew = True
+        self.converged = self.settled = False
+        self.inflation = 1.0
+
+    def learn(self, monitoring: Monitoring, iteration: Iteration) -> None:
+        """Add a window's Hessian."""
+        self.last = monitoring.window_quadratic()
+        self.information = self.information + self.last
+        self.converged = self.settled = iteration.status is SearchStatus.CONVERGED
+
+    def next_walk(self, before: ParameterSpace, space: ParameterSpace) -> bool:
+        """A border is a gap and nothing else."""
+        return False
+
+
+def _misfit(findings: Findings, settled: bool) -> tuple[str, ...]:
+    """Say so if no masses of the links asked for explain the log.
+
+    What is left of mu is stated as the relative error that a typical one of these masses would have to have to leave as
+    much. Rounding leaves 1e-13; a search that is still far off leaves what the samples show to be curved.
+    """
+    last = findings.last
+    change = last.change(findings.estimate - last.centre, findings.space.n_sampled)
+    curved = last.misfit * (change / max(last.explained, np.finfo(float).tiny)) ** 2
+    left = max(0.0, last.at(findings.estimate) - MARGIN * curved)
+    effect = 0.5 * np.diagonal(last.curvature) * findings.space.scale**2
+    relative = float(np.sqrt(left / max(float(effect.mean()), np.finfo(float).tiny)))
+    if relative < LARGEST_REST:
+        return ()
+    return (
+        f"these links' masses do not explain the log: what is left weighs as much as an error of {relative:.2%} in "
+        "each of them. Links that were not named (`links`), the model or the log are off, and so are the masses found"
+        + ("." if settled else "; or the search has not settled, and a longer walk helps."),
+    )

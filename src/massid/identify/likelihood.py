@@ -1,0 +1,226 @@
+"""Inference from noisy readings: mu is minus twice the log-likelihood, half its Hessian the information."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from massid.errors import BadInputError
+from massid.identify.findings import Assessment, Findings
+from massid.identify.logs import hand_over
+from massid.identify.options import IdentifyOptions
+from massid.identify.sensing import with_nuisances
+from massid.model.robot import Robot
+from massid.model.unknowns.unknown import adds_mass, unknowns_of
+from massid.observer.sensors import NoisySensors
+from massid.result.excitation import from_deviations
+from massid.result.posterior import LARGEST_INFLATION, ScoreScatter, posterior
+from massid.result.result import Uncertainty, WindowResult
+from massid.search.directions import SECOND_ORDER
+from massid.search.guided import Iteration, SearchOptions, SearchStatus
+from massid.search.monitoring import Monitoring
+from massid.search.offline import Outlook
+from massid.search.parameters import ParameterSpace
+from massid.search.quadratic import LocalQuadratic
+from massid.typing import FloatArray
+from massid.walk import Walk
+
+SETTLED_DECREASE = 0.02
+"""A log is solved when a step would lower -2 log-likelihood by less, a seventh of a standard deviation."""
+STALLED_PASSES, STALLED_SHARE = 3, 0.7
+"""So many passes in a row that each leave more than this share of what was to be gained end the search: the log reveals
+too little. Of a walk a tenth is left."""
+FIRST_WINDOWS = 4
+"""A log is replayed no further than that until the estimate is about as good as so many windows can make it."""
+LARGEST_BEND = 1.0
+"""Beyond it a window of a stream has taught where to look next, and no more."""
+
+
+class LikelihoodInference:
+    """Sensors' slow errors and doubts about the model are unknowns with priors; windows are sums of one likelihood.
+
+    Args:
+        sensors: with their noise.
+    """
+
+    def __init__(self, sensors: NoisySensors) -> None:
+        self._noise = sensors.noise
+
+    def unknowns(self, asked: ParameterSpace, robot: Robot, walk: Walk, options: IdentifyOptions) -> ParameterSpace:
+        """The parameters asked for, followed by nuisances."""
+        return with_nuisances(asked, robot, walk, self._noise, options)
+
+    def search_options(self, options: SearchOptions) -> SearchOptions:
+        """Without candidates: a model that is too heavy answers less to the noise in its inputs, and scores better."""
+        return replace(options, candidates=0)
+
+    def prior(self, space: ParameterSpace) -> LocalQuadratic:
+        """Of the nuisances."""
+        return LocalQuadratic.belief(space.nominal, space.prior_precision)
+
+    def pass_rule(self, space: ParameterSpace) -> LikelihoodPasses:
+        """A few windows first, then all, until nothing is gained."""
+        return LikelihoodPasses(space.n_sampled)
+
+    def learning(self, space: ParameterSpace, options: IdentifyOptions) -> LikelihoodLearning:
+        """A running belief.
+
+        Raises:
+            BadInputError: a first-order direction, which does not reach the minimum in one pass.
+        """
+        direction = options.search.direction
+        if direction not in SECOND_ORDER:
+            raise BadInputError(
+                f"Direction {direction} does not reach the minimum in one pass over a noisy log, and intervals are "
+                f"those of the minimum: choose one of {', '.join(sorted(SECOND_ORDER))}, or offline identification."
+            )
+        return LikelihoodLearning(space, self.prior(space))
+
+    def deviations(self, space: ParameterSpace, quadratic: LocalQuadratic, inflation: float) -> FloatArray:
+        """From the curvature of mu."""
+        return posterior(space, quadratic, inflation=inflation).std[: space.n_sampled]
+
+    def assess(self, findings: Findings, trace: Sequence[WindowResult], timestep_s: float, settled: bool) -> Assessment:
+        """Deviations from curvature and scores; an estimate that moves within its own uncertainty has settled."""
+        asked = findings.space.n_sampled
+        space = ParameterSpace(findings.space.parameters[:asked])
+        uncertainty = self._uncertainty(findings)
+        step = trace[-1].newton_step
+        settled = settled or float(step @ np.linalg.solve(uncertainty.covariance, step)) <= len(space)
+        return Assessment(from_deviations(space, uncertainty.std), uncertainty, settled, _scatter(uncertainty))
+
+    def _uncertainty(self, findings: Findings) -> Uncertainty:
+        asked = findings.space.n_sampled
+        found = posterior(findings.space, findings.information, findings.windows, findings.inflation)
+        masses = adds_mass(findings.space)
+        return Uncertainty(
+            noise=self._noise,
+            covariance=found.covariance[:asked, :asked],
+            inflation=found.inflation,
+            chi2_per_sample=findings.last.value / findings.last.samples,
+            total_std_kg=float(np.sqrt(masses @ found.covariance @ masses)),
+            nuisances=unknowns_of(findings.space)[asked:],
+            nuisance_estimate=findings.estimate[asked:],
+            nuisance_std=found.std[asked:],
+        )
+
+
+def _scatter(uncertainty: Uncertainty) -> tuple[str, ...]:
+    """Say so if a log is explained no better than a wrong model would."""
+    if uncertainty.inflation < LARGEST_INFLATION:
+        return ()
+    return (
+        f"the log's windows contradict each other {uncertainty.inflation:.3g} times more than sensor noise explains: "
+        "the model is off (friction, centres of mass, inertias), or the noise is not what it is taken for. The "
+        "intervals were widened for it, but a bias that all windows share is not in them.",
+    )
+
+
+class LikelihoodPasses:
+    """Ends passes over a log by what further ones would gain.
+
+    Args:
+        asked: number of parameters that were asked for; they come first.
+    """
+
+    first_windows: int | None = FIRST_WINDOWS
+
+    def __init__(self, asked: int) -> None:
+        self._asked = asked
+        self._gains: list[float] = []
+
+    def judge(self, iteration: Iteration, sees_all: bool) -> Outlook:
+        """Settled when little is left to gain; stalled when passes do not lower what is."""
+        left = _decrease_left(iteration, self._asked)
+        self._gains.append(left)
+        stalled = _is_stalled(self._gains)
+        if not sees_all:
+            if stalled or left < self._asked:
+                self._gains.clear()
+                return Outlook.WIDEN
+            return Outlook.GO_ON
+        if iteration.status is SearchStatus.CONVERGED or left < SETTLED_DECREASE:
+            return Outlook.SETTLED
+        return Outlook.STALLED if stalled else Outlook.GO_ON
+
+
+def _decrease_left(iteration: Iteration, asked: int) -> float:
+    """By how much the Newton step lowers mu over the parameters asked for, nuisances wherever they fit best."""
+    step = iteration.newton_step[:asked]
+    return 0.5 * float(step @ iteration.quadratic.marginal(np.arange(asked)).curvature @ step)
+
+
+def _is_stalled(gains: Sequence[float]) -> bool:
+    """Whether passes no longer lower what is to be gained by further ones."""
+    last = gains[-STALLED_PASSES - 1 :]
+    return len(last) > STALLED_PASSES and all(after > STALLED_SHARE * before for before, after in pairwise(last))
+
+
+class LikelihoodLearning:
+    """A belief that windows, each seen once, are added to as far as their quadratics reach.
+
+    Args:
+        space: what is unknown.
+        prior: belief about it.
+    """
+
+    def __init__(self, space: ParameterSpace, prior: LocalQuadratic) -> None:
+        self._space = space
+        self._scatter = ScoreScatter(space.n_sampled)
+        self._is_rough = True
+        self.belief = self.information = self.last = prior
+        self.starts_anew = True
+        self.converged = False
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last window was near enough to be believed."""
+        return not self._is_rough
+
+    @property
+    def inflation(self) -> float:
+        """How much more the scores of windows scatter than noise explains."""
+        return self._scatter.inflation
+
+    def learn(self, monitoring: Monitoring, iteration: Iteration) -> FloatArray:
+        """Add a window to the belief, the less the further the estimate has moved from where it was seen."""
+        # A window alone shows its slope too roughly.
+        window = self.last = replace(monitoring.window_quadratic(), slope=None)
+        found = posterior(self._space, self.belief + window)
+        bend = _bend(window, iteration.estimate, found.covariance, self._space)
+        if not self._is_rough and bend <= LARGEST_BEND:
+            self._scatter.add(self.belief, window)
+        # Too far for the models to start the next window where they would stand there.
+        self.starts_anew = self._is_rough = bend > LARGEST_BEND
+        self.information = self.belief = self.belief + window.scaled(1.0 / (1.0 + bend))
+        found = posterior(self._space, self.belief, inflation=self.inflation)
+        return found.std[: self._space.n_sampled]
+
+    def next_walk(self, before: ParameterSpace, space: ParameterSpace) -> bool:
+        """Keep what is known of the masses; sensors begin anew."""
+        self._space = space
+        self.information = self.belief = hand_over(self.belief, before, space)
+        return True
+
+
+def _bend(window: LocalQuadratic, estimate: FloatArray, covariance: FloatArray, space: ParameterSpace) -> float:
+    """Variance by which a window's quadratic may mislead at an estimate, in units of the noise's variance.
+
+    Dynamics are rational functions of the masses: where a mass moves by a fraction rho of itself, derivatives of the
+    output error by it, and by the errors of sensors, change by about rho. So does what was explained with them.
+
+    Args:
+        window: quadratic of one dwell window, around its own centre.
+        estimate: where the search went, shape (n_p,).
+        covariance: how uncertain that is, shape (n_p, n_p).
+        space: what is unknown.
+    """
+    sampled, tangents = slice(space.n_sampled), slice(space.n_sampled, None)
+    offset = estimate - window.centre
+    squared = np.outer(offset, offset) + covariance
+    explained = 0.5 * window.curvature * squared
+    fraction = np.diagonal(squared)[sampled] / space.scale[sampled] ** 2
+    return float(fraction @ np.diagonal(explained)[sampled] + fraction.max() * explained[tangents, tangents].sum())

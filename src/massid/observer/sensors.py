@@ -1,0 +1,140 @@
+"""The sensor model: what a log's sensors are taken to do, and the bank of models that suits it.
+
+It is chosen once for each log (`massid.identify.sensing`) and carried along with it. Readings without error leave the
+models an output injection of a fixed bandwidth and mu as the paper has it; white noise asks for its Kalman gain, and
+then mu is minus twice the logarithm of the likelihood.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+from massid.model.robot import Robot
+from massid.observer.averaging import suitable_reach_s
+from massid.observer.bank import RobotBank
+from massid.observer.injection import InertiaShapedInjection
+from massid.observer.inputs import InputBelief
+from massid.observer.kalman import KalmanInjection
+from massid.observer.linearisation import Lineariser
+from massid.observer.spans import REACH_S
+from massid.observer.tangents import TangentFilter
+from massid.search.parameters import ParameterSpace
+from massid.walk import Walk
+from massid.walk.noise import SensorNoise
+
+
+@dataclass(frozen=True)
+class ExactSensors:
+    """Readings without error, as of a simulator.
+
+    Attributes:
+        bandwidth_rad_s: w of the output injection K1 = w^2 H0, K2 = 2 zeta w H0 [rad/s].
+        damping_ratio: zeta of it.
+        forgetting_rate: lambda of the monitoring signal, Eq. 6 [1/s].
+    """
+
+    bandwidth_rad_s: float = 60.0
+    damping_ratio: float = 1.0
+    forgetting_rate: float = 1.0
+
+    def suited_to(self, walk: Walk) -> ExactSensors:
+        """The same: nothing depends on the motion."""
+        return self
+
+    def bank(
+        self,
+        robot: Robot,
+        space: ParameterSpace,
+        contact_bodies: Sequence[str],
+        timestep_s: float,
+        n_models: int,
+        n_threads: int = 0,
+    ) -> RobotBank:
+        """Identification models with inertia-shaped injection; see `RobotBank`.
+
+        Raises:
+            ModelError: a contact body is not in the model.
+        """
+        model = robot.identification_model(contact_bodies)
+        model.opt.timestep = timestep_s  # a slower log is on the model's clock already, as far as that goes
+        injection = InertiaShapedInjection(model, self.bandwidth_rad_s, self.damping_ratio)
+        return RobotBank(
+            robot, space, contact_bodies, n_models, injection, timestep_s=timestep_s, n_threads=n_threads, model=model
+        )
+
+
+@dataclass(frozen=True)
+class NoisySensors:
+    """Readings with white noise of known levels.
+
+    Attributes:
+        noise: the levels, and how large slow errors may be.
+        reach_s: how far around a sample the motion is averaged that columns of the Jacobian are made of [s].
+        forgetting_rate: likelihoods are not forgotten.
+    """
+
+    noise: SensorNoise
+    reach_s: float = REACH_S
+    forgetting_rate: float = 0.0
+
+    def suited_to(self, walk: Walk) -> NoisySensors:
+        """The same with the reach that the motion of a log bears."""
+        return replace(self, reach_s=suitable_reach_s(walk, self.noise))
+
+    def bank(
+        self,
+        robot: Robot,
+        space: ParameterSpace,
+        contact_bodies: Sequence[str],
+        timestep_s: float,
+        n_models: int,
+        n_threads: int = 0,
+        *,
+        tangents: bool = True,
+    ) -> RobotBank:
+        """Identification models with the Kalman gain; they take their own steps within a longer sample period.
+
+        Args:
+            robot: the robot with nominal masses.
+            space: what the coordinates of a point mean.
+            contact_bodies: bodies whose wrench is measured.
+            timestep_s: sample period [s].
+            n_models: size of the bank.
+            n_threads: worker threads; 0 for one per processor.
+            tangents: whether to compute derivatives; not for who wants output errors alone.
+
+        Raises:
+            ModelError: a contact body is not in the model.
+            BadInputError: a measured state is said to have no noise at all.
+        """
+        model = robot.identification_model(contact_bodies)
+        substeps = robot.steps_in(timestep_s)
+        model.opt.timestep = timestep_s / substeps
+        beliefs = InputBelief(
+            model,
+            robot.layout,
+            self.noise,
+            timestep_s=timestep_s,
+            reach_s=self.reach_s,
+            unknown_friction=robot.realise(space, space.nominal, contact_bodies).friction_loss is not None,
+        )
+        model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
+        lineariser = Lineariser(copy.copy(model), robot.layout, substeps)
+        columns = TangentFilter(robot, space, contact_bodies, lineariser) if tangents else None
+        return RobotBank(
+            robot,
+            space,
+            contact_bodies,
+            n_models,
+            KalmanInjection(lineariser, robot.layout, self.noise, beliefs, columns),
+            timestep_s=timestep_s,
+            substeps=substeps,
+            n_threads=n_threads,
+            model=model,
+        )
+
+
+SensorModel: TypeAlias = ExactSensors | NoisySensors

@@ -1,0 +1,303 @@
+"""The trunk: from logs to masses. Read, check, choose sensors, say what can be known, identify, check the answer.
+
+`weigh` is all of it in one call. `Weighing` is the same step by step, for those who want to look in between, as
+`massid inspect` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import mujoco
+
+from massid.assets import find_model_by_hash, resolve_model
+from massid.audit import Prepared, prepare_walks
+from massid.errors import BadInputError, LogError
+from massid.identify import IdentifyOptions, identify_offline, identify_online
+from massid.identify.logs import PreparedLog
+from massid.identify.options import idle_options
+from massid.identify.prepare import prepare_logs
+from massid.identify.progress import Progress, never, part_of, silent
+from massid.judge.foresee import foresee
+from massid.judge.residuals import channel_residuals
+from massid.judge.validation import hold_out, validate
+from massid.log import TopicMap, load_topics, read_walk
+from massid.model.robot import Robot
+from massid.model.unknowns.bodies import Mass
+from massid.model.unknowns.spaces import parameter_space
+from massid.model.unknowns.unknown import Unknown
+from massid.observer.sensors import NoisySensors
+from massid.result import Result
+from massid.result.evidence import Evidence
+from massid.result.verdict import Verdict
+from massid.search.guided import check_bank_size
+from massid.search.parameters import ParameterSpace
+from massid.search.scan import scanned_columns
+from massid.walk import Walk
+
+Log: TypeAlias = "str | Path | Walk"
+"""An MCAP file, or a walk that was read or made elsewhere."""
+Model: TypeAlias = "str | Path | mujoco.MjSpec | Robot"
+"""An MJCF or URDF file, the name of a shipped robot, a spec, or a robot that was loaded before."""
+Mode: TypeAlias = Literal["auto", "online", "offline"]
+Tell: TypeAlias = "Callable[[Weighing | str | Verdict], None]"
+"""Told what is about to be done, each warning, and the verdict, as soon as it is known."""
+
+_READ, _JUDGED, _FITTED = 0.06, 0.15, 0.95
+"""Fractions of the work that are done after each step."""
+
+
+def weigh(
+    logs: Log | Sequence[Log],
+    robot: Model | None = None,
+    links: Sequence[str] | None = None,
+    *,
+    unknowns: Sequence[str | Unknown] = (),
+    topics: TopicMap | str | Path | None = None,
+    mode: Mode = "auto",
+    held_out: float = 0.2,
+    checks: bool = True,
+    options: IdentifyOptions | None = None,
+    progress: Progress = silent,
+    tell: Tell | None = None,
+    stop: Callable[[], bool] = never,
+) -> Result:
+    """Weigh the links of a robot from the log of a walk, or from several logs of the same robot.
+
+    Args:
+        logs: MCAP files or walks. Online they follow each other, offline their scores are added.
+        robot: the robot with nominal masses; default the shipped model that made the log.
+        links: whose mass is unknown; default torso, thighs, calves and feet, where the robot has links of these names.
+        unknowns: what else is, as KIND/TARGET (com/LINK, inertia/LINK, payload/BODY@X,Y,Z, friction/JOINT,
+            damping/JOINT and others, see `massid.model.unknowns`), or objects of such classes or of a user's own.
+        topics: which topic plays which role: a map, a YAML file or the name of a preset; default what massid records.
+        mode: online sees every dwell window once; offline replays the logs; auto is offline for logs with sensor noise.
+        held_out: share at the end of each log that is not fitted: its joint torques are predicted instead.
+        checks: whether to say before the fit what the logs can reveal, and to check the answer after it.
+        options: how to identify.
+        progress: told the fraction done and a few words.
+        tell: told what is about to be done, warnings and the verdict at once; the last two are in the result as well.
+        stop: asked now and then; once it says so, what is found so far is the result.
+
+    Returns:
+        Masses, with intervals where the log has sensor noise, and what speaks against them.
+
+    Raises:
+        LogError: a log cannot be read, does not fit the robot, or is too short.
+        ModelError: the robot cannot be loaded, or has no such link.
+        BadInputError: options or unknowns that do not fit together.
+        DivergedBankError: too few models stayed finite.
+        StoppedError: stopped before anything was found.
+    """
+    tell = tell or _ignore
+    job = Weighing.prepare(
+        logs, robot, links, unknowns=unknowns, topics=topics, mode=mode, held_out=held_out, options=options,
+        progress=part_of(progress, 0.0, _READ),
+    )  # fmt: skip
+    job.require_windows()
+    tell(job)
+    for warning in job.warnings:
+        tell(warning)
+    verdict = None
+    if checks:
+        verdict = job.foresee(part_of(progress, _READ, _JUDGED))
+        tell(verdict)
+    result = job.identify(part_of(progress, _JUDGED, _FITTED), stop)
+    if verdict is not None:
+        result = job.check(result.judged(verdict))
+    for warning in result.warnings[len(job.warnings) :]:
+        tell(warning)
+    progress(1.0, "done")
+    return result
+
+
+@dataclass(frozen=True)
+class Weighing:
+    """Logs that were read and checked, and what is to be found from them.
+
+    Attributes:
+        complete: the robot as the model file has it.
+        prepared: each log with the robot that fits it and what the checks found.
+        asked: what was asked for.
+        logs: the parts of the logs that are fitted, with their sensor models and nuisances.
+        held: the parts that are not; None where it would be too short.
+        is_offline: whether the logs are replayed.
+        options: how to identify.
+        warnings: what the user should know, one line each.
+    """
+
+    complete: Robot
+    prepared: tuple[Prepared, ...]
+    asked: ParameterSpace
+    logs: tuple[PreparedLog, ...]
+    held: tuple[Walk | None, ...]
+    is_offline: bool
+    options: IdentifyOptions
+    warnings: tuple[str, ...]
+
+    @classmethod
+    def prepare(
+        cls,
+        logs: Log | Sequence[Log],
+        robot: Model | None = None,
+        links: Sequence[str] | None = None,
+        *,
+        unknowns: Sequence[str | Unknown] = (),
+        topics: TopicMap | str | Path | None = None,
+        mode: Mode = "auto",
+        held_out: float = 0.2,
+        thorough: bool = False,
+        options: IdentifyOptions | None = None,
+        progress: Progress = silent,
+    ) -> Weighing:
+        """Read and check logs, take off their lags, choose their sensor models; arguments and errors as of `weigh`.
+
+        Args:
+            logs: MCAP files or walks.
+            robot: with nominal masses.
+            links: whose mass is unknown.
+            unknowns: what else is.
+            topics: which topic plays which role.
+            mode: how windows are seen.
+            held_out: share of each log that is not fitted.
+            thorough: also compute the one-step residual.
+            options: how to identify.
+            progress: told the fraction done.
+        """
+        options = options or IdentifyOptions()
+        if not 0.0 <= held_out < 1.0:
+            raise BadInputError(f"`held_out` is {held_out}; it must be at least 0 and less than 1.")
+        sources = (logs,) if isinstance(logs, str | Path | Walk) else tuple(logs)
+        if not sources:
+            raise BadInputError("No log given: name at least one.")
+        topic_map = topics if isinstance(topics, TopicMap) else load_topics(topics) if topics else TopicMap()
+        progress(0.0, "reading")
+        read = [one if isinstance(one, Walk) else read_walk(one, topic_map) for one in sources]
+        complete = load_robot(robot, read)
+        asked_of = parameter_space(complete, named_links(complete, links), unknowns)
+        check_bank_size(asked_of, options.models(len(asked_of)))
+        scanned_columns(asked_of, options.search.scan)
+        progress(0.3, "checking")
+        prepared = prepare_walks(sources, complete, topic_map, read, thorough=thorough)
+        weighed = prepared[0].robot
+        asked = parameter_space(weighed, named_links(weighed, links), unknowns)
+        parts = [hold_out(one.walk, held_out) for one in prepared]
+        fitted = prepare_logs(
+            [part.fitted for part in parts], weighed, asked, options, [one.audit.clean for one in prepared]
+        )
+        noisy = isinstance(fitted[0].sensors, NoisySensors)
+        is_offline = mode == "offline" or (mode == "auto" and noisy)
+        said = [warning for one in prepared for warning in one.walk.warnings]
+        return cls(
+            complete=complete,
+            prepared=prepared,
+            asked=asked,
+            logs=fitted,
+            held=tuple(part.held for part in parts),
+            is_offline=is_offline,
+            options=options,
+            warnings=(*said, *(doubt for log in fitted for doubt in log.doubts), *idle_options(options, noisy)),
+        )
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that the logs fit: joints that they do not show are held still."""
+        return self.prepared[0].robot
+
+    @property
+    def nominal_kg(self) -> dict[str, float]:
+        """Nominal mass of each link asked for [kg]."""
+        return {one.body: one.nominal for one in self.asked.parameters if isinstance(one, Mass)}
+
+    def require_windows(self) -> None:
+        """Pass if the logs fill dwell windows: each of them that is replayed, or at least one.
+
+        Raises:
+            LogError: they do not, or the dwell time is shorter than two samples of one.
+        """
+        walks, dwell_s = [log.walk for log in self.logs], self.options.dwell_s
+        fullest = max(walks, key=lambda walk: len(list(walk.windows(dwell_s))))
+        for walk in walks if self.is_offline else [fullest]:
+            walk.filled_windows(dwell_s)
+
+    def foresee(self, progress: Progress = silent) -> Verdict:
+        """Say what the logs can reveal, without fitting anything."""
+        return foresee(self.logs, self.robot, self.asked, self.options, progress)
+
+    def identify(self, progress: Progress = silent, stop: Callable[[], bool] = never) -> Result:
+        """Find what was asked for; see `weigh`."""
+        identify = identify_offline if self.is_offline else identify_online
+        result = identify(self.logs, self.robot, self.options, progress, stop)
+        evidence = Evidence(
+            robot=self.robot,
+            complete=self.complete,
+            walks=tuple(one.walk for one in self.prepared),
+            fitted=tuple(log.walk for log in self.logs),
+            held=self.held,
+        )
+        return replace(result, evidence=evidence, warnings=(*self.warnings, *result.warnings))
+
+    def check(self, result: Result) -> Result:
+        """The result with what the logs say about it."""
+        walks = [one.walk for one in self.prepared]
+        held = self.held[0]
+        log = self.logs[0] if held is None else replace(self.logs[0], walk=held)
+        validation = validate(result, walks, self.held, self.robot)
+        return result.checked(replace(validation, residuals=channel_residuals(result, log, self.robot)))
+
+
+def load_robot(robot: Model | None, walks: Sequence[Walk] = ()) -> Robot:
+    """Load a robot from whatever names it; from nothing, the shipped model that made the walks.
+
+    Raises:
+        ModelError: there is no such robot, or it cannot be used.
+        LogError: nothing was named, and the walks were made with another model, or with several.
+    """
+    if isinstance(robot, Robot):
+        return robot
+    if isinstance(robot, mujoco.MjSpec):
+        return Robot.load(robot)
+    return Robot.load(model_path(robot, walks))
+
+
+def model_path(robot: str | Path | None, walks: Sequence[Walk] = ()) -> Path:
+    """Where a model file is that was named, or is known by its hash; see `load_robot`."""
+    if robot is not None:
+        return resolve_model(str(robot))
+    paths: list[Path] = []
+    for walk in walks:
+        path = find_model_by_hash(walk.metadata.get("model_sha256", ""))
+        if path is None:
+            made_with = walk.metadata.get("model_file", "an unknown model")
+            raise LogError(f"{walk.source} was made with {made_with}, which is not shipped: name the robot's `model`.")
+        if paths and path != paths[0]:
+            raise LogError(
+                f"{walk.source} was made with {path.name}, {walks[0].source} with {paths[0].name}: several logs must "
+                "be of one robot."
+            )
+        paths.append(path)
+    return paths[0]
+
+
+def named_links(robot: Robot, links: Sequence[str] | None) -> tuple[str, ...]:
+    """The links to weigh: those named, or those that matter most to walking.
+
+    Raises:
+        BadInputError: none was named, and the robot has none of the usual names.
+    """
+    if links is not None:
+        return tuple(links)
+    usual = robot.walking_links()
+    if not usual:
+        raise BadInputError(
+            f"{robot.source} has no links named like torso, l_thigh, l_calf or l_foot: name the links to weigh "
+            f"(`links`). It has: {', '.join(robot.links)}."
+        )
+    return usual
+
+
+def _ignore(said: Weighing | str | Verdict) -> None:
+    """Nobody listens."""

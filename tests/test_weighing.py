@@ -1,0 +1,126 @@
+"""The trunk as one call: what the command line gets, whoever calls gets."""
+
+from __future__ import annotations
+
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import massid
+from massid.errors import BadInputError, LogError, ModelError, StoppedError
+from massid.identify import IdentifyOptions
+from massid.result import Status
+from massid.result.verdict import Verdict
+from massid.walk.noise import PRESETS, Sensors
+from massid.weighing import Weighing
+from tests.conftest import Pushed
+from tests.pushed_robot import FEET, LINKS, XML
+
+SHORT = IdentifyOptions(dwell_s=0.25)
+
+
+def test_one_call_reads_judges_weighs_and_checks(pushed: Pushed, tmp_path: Path) -> None:
+    (tmp_path / "robot.xml").write_text(XML)
+    log = massid.write_walk(pushed.walk, tmp_path / "walk.mcap")
+    told: list[Weighing | str | Verdict] = []
+    fractions: list[float] = []
+    result = massid.weigh(
+        log,
+        tmp_path / "robot.xml",
+        LINKS,
+        options=SHORT,
+        progress=lambda fraction, _: fractions.append(fraction),
+        tell=told.append,
+    )
+    assert result.status is Status.CONVERGED
+    assert np.linalg.norm(result.estimate - pushed.truth) < 1e-6
+    assert result.verdict is not None
+    assert result.validation is not None
+    assert isinstance(told[0], Weighing)
+    assert [type(one) for one in told[1:]] == [Verdict]  # nothing to warn of
+    assert fractions == sorted(fractions)
+    assert (fractions[0], fractions[-1]) == (0.0, 1.0)
+    result.save_model(tmp_path / "weighed.xml")
+    weighed = massid.Robot.load(tmp_path / "weighed.xml")
+    np.testing.assert_allclose([weighed.nominal_mass_kg(link) for link in LINKS], pushed.truth, rtol=1e-4)
+
+
+def test_a_file_and_the_walk_in_it_give_the_same_masses(pushed: Pushed, tmp_path: Path) -> None:
+    log = massid.write_walk(pushed.walk, tmp_path / "walk.mcap")
+    one, other = (massid.weigh(each, pushed.robot, LINKS, options=SHORT) for each in (log, pushed.walk))
+    np.testing.assert_allclose(one.estimate, other.estimate, atol=1e-12)  # the file has the base's twist in its body
+
+
+def test_noise_decides_how_windows_are_seen_unless_the_caller_does(pushed: Pushed) -> None:
+    noisy = Sensors(PRESETS["white"], 8, FEET, np.random.default_rng(0)).measure(pushed.walk)
+    for walk, mode, offline in (
+        (pushed.walk, "auto", False),
+        (noisy, "auto", True),
+        (noisy, "online", False),
+        (pushed.walk, "offline", True),
+    ):
+        job = Weighing.prepare(walk, pushed.robot, LINKS, mode=mode, options=SHORT)  # type: ignore[arg-type]
+        assert job.is_offline is offline
+
+
+@pytest.mark.parametrize("mode", ["online", "offline"])
+def test_a_search_that_is_stopped_keeps_what_it_has_found(mode: str, pushed: Pushed) -> None:
+    calls = count(1)
+    after = 1 if mode == "online" else 9  # windows: one online; offline the second pass over six of them
+    result = massid.weigh(
+        pushed.walk,
+        pushed.robot,
+        LINKS,
+        mode=mode,  # type: ignore[arg-type]
+        held_out=0.0,
+        checks=False,
+        options=SHORT,
+        stop=lambda: next(calls) >= after,
+    )
+    assert result.stopped
+    assert result.unsettled is not None
+    assert "stopped before" in result.unsettled
+    assert len(result.windows) == 1
+    assert np.linalg.norm(result.estimate - pushed.truth) < np.linalg.norm(pushed.space.nominal - pushed.truth)
+
+
+def test_a_search_that_is_stopped_at_once_has_found_nothing(pushed: Pushed) -> None:
+    with pytest.raises(StoppedError, match="nothing was found yet"):
+        massid.weigh(pushed.walk, pushed.robot, LINKS, mode="offline", checks=False, options=SHORT, stop=lambda: True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"links": ["torso", "l_tigh"]}, ModelError, "no link named 'l_tigh'. Did you mean l_thigh"),
+        ({"links": LINKS, "unknowns": ["spring/l_knee"]}, BadInputError, "Unknown 'spring/l_knee': expected"),
+        ({"links": LINKS, "held_out": 1.0}, BadInputError, "`held_out` is 1.0"),
+        ({"links": LINKS, "options": IdentifyOptions(dwell_s=10.0)}, LogError, "use a shorter `dwell_s`"),
+        ({"links": LINKS, "options": IdentifyOptions(bank_size=5)}, BadInputError, "serves at most 4 unknowns"),
+        ({"robot": "no_such_robot"}, ModelError, "no robot named 'no_such_robot'"),
+    ],
+)
+def test_what_cannot_be_done_is_said_before_the_work(
+    arguments: dict[str, object], error: type[Exception], message: str, pushed: Pushed
+) -> None:
+    with pytest.raises(error, match=message):
+        massid.weigh(pushed.walk, **{"robot": pushed.robot} | arguments)  # type: ignore[arg-type]
+
+
+def test_no_log_is_refused() -> None:
+    with pytest.raises(BadInputError, match="No log given"):
+        massid.weigh([], "atlas")
+
+
+def test_a_log_of_an_unknown_model_asks_for_it(pushed: Pushed) -> None:
+    with pytest.raises(LogError, match="name the robot's `model`"):
+        massid.weigh(pushed.walk)
+
+
+def test_the_face_has_all_that_it_promises() -> None:
+    assert all(getattr(massid, name) is not None for name in massid.__all__)
+    assert set(massid.__all__) == set(dir(massid))
+    with pytest.raises(AttributeError, match="no attribute 'weight'"):
+        _ = massid.weight
