@@ -9,8 +9,9 @@ import numpy as np
 from massid.audit.balance import measure_balance
 from massid.audit.one_step import one_step_residual
 from massid.identify.options import IdentifyOptions
+from massid.model.draft import Draft
 from massid.model.robot import Robot
-from massid.model.unknowns.bodies import Inertia, InertiaScale, Mass
+from massid.model.unknowns.bodies import InertiaScale, Mass
 from massid.model.unknowns.lags import EffortLag, WrenchLag
 from massid.model.unknowns.sensors import (
     FORCE_AXES,
@@ -121,8 +122,9 @@ def nuisances(
 
     Nothing that is asked for is among them.
     """
-    unknowns = unknowns_of(space)
-    links = [unknown.body for unknown in unknowns if isinstance(unknown, Mass)]
+    pair = np.vstack([space.nominal, space.nominal + space.scale])
+    asked = Draft(robot.channels(walk.contact_bodies), unknowns_of(space), pair).bodies
+    links = [name for name, body in asked.items() if body.mass[0] != body.mass[1]]  # whoever writes their mass
     found: list[Unknown] = []
     per_joint = (
         (EffortOffset, noise.effort_offset),
@@ -140,8 +142,8 @@ def nuisances(
     if noise.force_offset > 0.0:
         found += _force_offsets(walk, noise)
     if options.link_inertia > 0.0:
-        shaped = {unknown.body for unknown in unknowns if isinstance(unknown, Inertia)}
-        found += [InertiaScale(link, **nuisance(options.link_inertia)) for link in links if link not in shaped]
+        scaled = [link for link in links if asked[link].keeps_shape]
+        found += [InertiaScale(link, **nuisance(options.link_inertia)) for link in scaled]
     if options.other_links > 0.0:
         for link in robot.links:
             if link not in links:

@@ -73,6 +73,11 @@ class BodyDraft:
         return self._centre is None and self._shape is None and not self._payloads
 
     @property
+    def keeps_shape(self) -> bool:
+        """Whether the shape of its inertia is the model file's."""
+        return self._shape is None
+
+    @property
     def growth(self) -> FloatArray:
         """Factor on the model file's rotational inertia of a body that keeps its frame, shape (N,)."""
         return np.asarray(self.gain * self.mass / self._nominal_kg)

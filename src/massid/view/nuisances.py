@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from massid.model.unknowns.sensors import WrenchOffset
 from massid.result.posterior import INTERVAL_95
 from massid.view.chart import Chart
 from massid.view.page import HtmlPage
@@ -64,7 +65,7 @@ def write_nuisances(page: HtmlPage, document: Mapping[str, Any]) -> None:
 
 def _row(label: str, entry: Mapping[str, Any], noise: Mapping[str, float]) -> _Row:
     centre, prior = entry.get("nominal", 0.0), entry["prior_std"]
-    if entry.get("kind") == "wrench_offset" and noise.get("force_offset"):
+    if entry.get("kind") == WrenchOffset.kind and noise.get("force_offset"):
         centre, prior = 0.0, noise["force_offset"]
     label += f" (log {entry['log']})" if entry.get("log") else ""
     unit = "" if entry["unit"] == "1" else f" {entry['unit']}"

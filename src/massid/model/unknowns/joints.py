@@ -89,9 +89,9 @@ class Damping(JointUnknown):
     typical = TYPICAL_SPEED
 
     def write_spec(self, spec: mujoco.MjSpec, value: float) -> None:
-        """As the joint's own, without terms of higher order."""
+        """As the joint's own; terms of higher order stay."""
         joint = spec.joint(self.joint)
-        joint.damping = np.eye(len(joint.damping))[0] * value
+        joint.damping = np.array([value, *joint.damping[1:]])
 
     def effect(self, motion: Motion, channels: Channels) -> Effect:
         """A torque against the velocity."""
