@@ -27,6 +27,7 @@ NAMED = (
     "payload/l_calf@0.1,0,-0.2",
     "friction/r_hip_pitch",
     "damping/l_knee",
+    "stiffness/r_ankle",
     "effort_offset/r_knee",
     "effort_gain/l_hip_pitch",
     "encoder_offset/l_knee",

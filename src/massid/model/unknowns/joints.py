@@ -1,4 +1,4 @@
-"""Unknowns of joints: dry friction and viscous damping."""
+"""Unknowns of joints: dry friction, viscous damping and springs."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ TYPICAL_LEVER_M = 0.002
 """A typical friction torque is the robot's weight with this lever: 3 N m for 150 kg, 0.7 N m for 35 kg."""
 TYPICAL_SPEED = 1.0
 """A typical damping makes that torque at this joint speed [rad/s]."""
+TYPICAL_ANGLE = 0.3
+"""A typical spring makes that torque at this distance from its reference [rad]."""
 REACH = 30.0
 """Theta ends at so many typical values above the model file's."""
 
@@ -51,8 +53,7 @@ class JointUnknown(Unknown):
         """
         _check_joint(robot, target)
         nominal = float(getattr(robot.model, cls.field)[robot.model.joint(target).dofadr[0]])
-        weight_n = robot.total_mass_kg * float(np.linalg.norm(robot.model.opt.gravity))
-        scale = max(nominal, weight_n * TYPICAL_LEVER_M / cls.typical)
+        scale = max(nominal, _typical_torque(robot) / cls.typical)
         return (cls(target, nominal=nominal, lower=0.0, upper=nominal + REACH * scale, scale=scale),)
 
     def write(self, draft: Draft, values: FloatArray) -> None:
@@ -96,6 +97,54 @@ class Damping(JointUnknown):
     def effect(self, motion: Motion, channels: Channels) -> Effect:
         """A torque against the velocity."""
         return Effect.on_joint(channels, self.joint, -motion.velocity[:, channels.dof(self.joint)])
+
+
+@dataclass(frozen=True)
+class Stiffness(Unknown):
+    """Stiffness of a joint's spring, about the reference position that the model gives it.
+
+    Attributes:
+        joint: its name.
+    """
+
+    kind = "stiffness"
+    title = "stiffnesses"
+    unit = "N m/rad"
+
+    joint: str
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> Sequence[Stiffness]:
+        """Of one joint, from zero up.
+
+        Raises:
+            ModelError: no such joint.
+        """
+        if target not in robot.joint_names:
+            raise ModelError(unknown_name("joint", target, robot.joint_names, robot.source))
+        nominal = float(robot.model.jnt_stiffness[robot.model.joint(target).id])
+        scale = max(nominal, _typical_torque(robot) / TYPICAL_ANGLE)
+        return (cls(target, nominal=nominal, lower=0.0, upper=nominal + REACH * scale, scale=scale),)
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """Into the joint."""
+        draft.field("jnt_stiffness")[:, draft.channels.model.joint(self.joint).id] = values
+
+    def write_spec(self, spec: mujoco.MjSpec, value: float) -> None:
+        """As the joint's own; terms of higher order stay."""
+        joint = spec.joint(self.joint)
+        joint.stiffness = np.array([value, *joint.stiffness[1:]])
+
+    def effect(self, motion: Motion, channels: Channels) -> Effect:
+        """A torque towards the reference position."""
+        address = channels.layout.joint_qpos[channels.joint(self.joint)]
+        away = motion.position[:, address] - channels.model.qpos_spring[address]
+        return Effect.on_joint(channels, self.joint, -away)
+
+
+def _typical_torque(robot: Robot) -> float:
+    """Of what is no motor [N m]."""
+    return robot.total_mass_kg * float(np.linalg.norm(robot.model.opt.gravity)) * TYPICAL_LEVER_M
 
 
 def _check_joint(robot: Robot, joint: str) -> None:
