@@ -10,12 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 
 from massid.compare.motion import Motion
 from massid.errors import BadInputError
-from massid.model.realisation import write_fields
+from massid.model.inverse import DiscreteInverseDynamics
 from massid.model.robot import Robot
 from massid.search.parameters import Kind, Parameter, ParameterSpace
 from massid.typing import FloatArray
@@ -50,8 +49,6 @@ class InverseDynamics:
             raise BadInputError(f"Inverse dynamics has no {', '.join(unknown)}: only masses and sensors' slow errors.")
         self._timestep_s = timestep_s
         self._model = self._model_at(space.nominal)
-        self._data = mujoco.MjData(self._model)
-        self._bodies = [self._model.body(name).id for name in contact_bodies]
 
     def residual(self, motion: Motion) -> FloatArray:
         """Force that nothing explains at nominal values, shape (n, nv)."""
@@ -115,35 +112,16 @@ class InverseDynamics:
         change -= np.einsum("kvw,kw->kv", self._jacobians(moved) - applied, motion.wrench)
         return np.asarray(change / ANGLE_STEP)
 
-    def _model_at(self, point: FloatArray) -> mujoco.MjModel:
-        model = self._robot.identification_model(self._contact_bodies)
-        model.opt.timestep = self._timestep_s
-        model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
-        write_fields(model, self._robot.realise(self._space, point, self._contact_bodies))
-        return model
+    def _model_at(self, point: FloatArray) -> DiscreteInverseDynamics:
+        realisation = self._robot.realise(self._space, point, self._contact_bodies)
+        return DiscreteInverseDynamics.of(self._robot, self._contact_bodies, self._timestep_s, realisation)
 
-    def _forces(self, model: mujoco.MjModel, motion: Motion) -> FloatArray:
+    @staticmethod
+    def _forces(model: DiscreteInverseDynamics, motion: Motion) -> FloatArray:
         """Generalised forces that the motion takes, shape (n, nv)."""
-        data = self._data
-        out = np.empty(motion.qvel.shape)
-        for k in range(len(motion)):
-            data.qpos[:], data.qvel[:], data.qacc[:] = motion.qpos[k], motion.qvel[k], motion.qacc[k]
-            mujoco.mj_inverse(model, data)
-            out[k] = data.qfrc_inverse
-        return out
+        return model.forces(motion.qpos, motion.qvel, motion.qacc)
 
     def _jacobians(self, motion: Motion) -> FloatArray:
         """Generalised force per unit of each wrench reading, shape (n, nv, 6 n_contacts)."""
-        model, data = self._model, self._data
-        out = np.empty((len(motion), model.nv, 6 * len(self._bodies)))
-        linear, angular = np.empty((3, model.nv)), np.empty((3, model.nv))
-        for k in range(len(motion)):
-            data.qpos[:] = motion.qpos[k]
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            for index, body in enumerate(self._bodies):
-                mujoco.mj_jacBody(model, data, linear, angular, body)
-                rotation = data.xmat[body].reshape(3, 3)
-                out[k, :, 6 * index : 6 * index + 3] = linear.T @ rotation
-                out[k, :, 6 * index + 3 : 6 * index + 6] = angular.T @ rotation
-        return out
+        jacobian = self._model.jacobian(motion.qpos)
+        return np.asarray(jacobian.reshape(len(motion), -1, jacobian.shape[-1]).transpose(0, 2, 1))
