@@ -17,6 +17,7 @@ from massid.search.parameters import Parameter, ParameterSpace
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, SensorNoise, Sensors
 from tests.conftest import Pushed
+from tests.pushed_robot import make_robot
 from tests.weighed import weigh_offline
 
 WHITE = PRESETS["white"]
@@ -102,6 +103,11 @@ def test_a_foot_known_to_be_in_the_air_helps(pushed: Pushed) -> None:
     gated, open_ = (_bound(lifted, 300, offset, gate=gate) for gate in (True, False))
     assert np.all(gated.std < open_.std)
     assert np.sqrt(gated.covariance[-1, -1]) < 2.0 / np.sqrt(200 - 1)  # N: 200 readings of 2 N noise
+
+
+def test_a_robot_that_integrates_with_runge_kutta_is_bounded_as_with_euler(pushed: Pushed) -> None:
+    stages = replace(pushed, robot=make_robot("RK4"))
+    np.testing.assert_allclose(_bound(stages).std, _bound(pushed).std, rtol=1e-9)
 
 
 def test_what_has_no_bound_is_refused(pushed: Pushed) -> None:

@@ -128,3 +128,9 @@ def test_the_cutoff_matters_and_a_user_can_choose_a_fair_one(pushed: Pushed) -> 
 def test_impossible_cutoffs_are_refused(cutoff_hz: float, message: str, pushed: Pushed) -> None:
     with pytest.raises(BadInputError, match=message):
         fit_masses(pushed.walk, pushed.robot, pushed.space, cutoff_hz)
+
+
+def test_one_instant_is_too_few_to_judge_a_cutoff(pushed: Pushed) -> None:
+    short = replace(pushed.walk, segments=(Segment(0, 600),))  # at 3 Hz four instants, the last held out
+    with pytest.raises(BadInputError, match="4 instants are too few for 7 unknowns; choose a higher cut-off"):
+        fit_masses(short, pushed.robot, pushed.space, 3.0)

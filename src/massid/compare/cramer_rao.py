@@ -18,6 +18,7 @@ import numpy as np
 
 from massid.compare.sensitivity import SensitivityRecursion
 from massid.errors import BadInputError
+from massid.model.inverse import with_single_stage
 from massid.model.realisation import write_fields
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import BodyUnknown
@@ -172,6 +173,8 @@ def _shown_in_the_air(space: ParameterSpace, walk: Walk, loaded: BoolArray, nois
 class _Plant:
     """The engine's step at the true masses, contacts off and wrenches applied in the feet's frames, linearised.
 
+    RK4, which the engine does not linearise, is taken as Euler.
+
     Attributes:
         transition: A, shape (2 nv, 2 nv).
     """
@@ -197,7 +200,7 @@ class _Plant:
         points[1 + np.arange(len(self._inertial)), self._inertial] += self._body_steps
         self._models = []
         for point in points:
-            model = robot.identification_model(contact_bodies)
+            model = with_single_stage(robot.identification_model(contact_bodies))
             model.opt.timestep = timestep_s
             write_fields(model, robot.realise(space, point, contact_bodies))
             self._models.append(model)

@@ -14,8 +14,8 @@ import mujoco
 import numpy as np
 
 from massid.model.draft import Draft
+from massid.model.inverse import DiscreteInverseDynamics
 from massid.model.motion import Motion
-from massid.model.realisation import write_fields
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.unknown import Unknown, unknowns_of
@@ -52,8 +52,6 @@ class InverseDynamics:
         self._in_model = np.array([self._changes_model(unknown) for unknown in self._unknowns])
         self._timestep_s = timestep_s
         self._model = self._model_at(space.nominal)
-        self._data = mujoco.MjData(self._model)
-        self._bodies = [self._model.body(name).id for name in contact_bodies]
 
     def residual(self, motion: Motion) -> FloatArray:
         """Force that nothing explains at nominal values, shape (n, nv)."""
@@ -108,40 +106,21 @@ class InverseDynamics:
 
     def _moved(self, motion: Motion, change: FloatArray) -> Motion:
         """The motion with every state moved along a tangent vector, shape (2 nv,)."""
-        nv, position = self._model.nv, motion.position.copy()
+        model, position = self._robot.model, motion.position.copy()
         for row in position:
-            mujoco.mj_integratePos(self._model, row, change[:nv], 1.0)
-        return replace(motion, position=position, velocity=motion.velocity + change[nv:])
+            mujoco.mj_integratePos(model, row, change[: model.nv], 1.0)
+        return replace(motion, position=position, velocity=motion.velocity + change[model.nv :])
 
-    def _model_at(self, point: FloatArray) -> mujoco.MjModel:
-        model = self._robot.identification_model(self._contact_bodies)
-        model.opt.timestep = self._timestep_s
-        model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
-        write_fields(model, self._robot.realise(self._space, point, self._contact_bodies))
-        return model
+    def _model_at(self, point: FloatArray) -> DiscreteInverseDynamics:
+        realisation = self._robot.realise(self._space, point, self._contact_bodies)
+        return DiscreteInverseDynamics.of(self._robot, self._contact_bodies, self._timestep_s, realisation)
 
-    def _forces(self, model: mujoco.MjModel, motion: Motion) -> FloatArray:
+    @staticmethod
+    def _forces(model: DiscreteInverseDynamics, motion: Motion) -> FloatArray:
         """Generalised forces that the motion takes, shape (n, nv)."""
-        data = self._data
-        out = np.empty(motion.velocity.shape)
-        for k in range(len(motion)):
-            data.qpos[:], data.qvel[:], data.qacc[:] = motion.position[k], motion.velocity[k], motion.acceleration[k]
-            mujoco.mj_inverse(model, data)
-            out[k] = data.qfrc_inverse
-        return out
+        return model.forces(motion.position, motion.velocity, motion.acceleration)
 
     def _jacobians(self, motion: Motion) -> FloatArray:
         """Generalised force per unit of each wrench reading, shape (n, nv, 6 n_contacts)."""
-        model, data = self._model, self._data
-        out = np.empty((len(motion), model.nv, 6 * len(self._bodies)))
-        linear, angular = np.empty((3, model.nv)), np.empty((3, model.nv))
-        for k in range(len(motion)):
-            data.qpos[:] = motion.position[k]
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            for index, body in enumerate(self._bodies):
-                mujoco.mj_jacBody(model, data, linear, angular, body)
-                rotation = data.xmat[body].reshape(3, 3)
-                out[k, :, 6 * index : 6 * index + 3] = linear.T @ rotation
-                out[k, :, 6 * index + 3 : 6 * index + 6] = angular.T @ rotation
-        return out
+        jacobian = self._model.jacobian(motion.position)
+        return np.asarray(jacobian.reshape(len(motion), -1, jacobian.shape[-1]).transpose(0, 2, 1))

@@ -69,7 +69,7 @@ def fit_masses(walk: Walk, robot: Robot, space: ParameterSpace, cutoff_hz: float
     motion = smooth_motion(walk, robot.layout, cutoff_hz)
     known, regressor = dynamics.residual(motion), dynamics.regressor(motion)
     n_train = round((1.0 - HELD_OUT) * len(motion))
-    if n_train * known.shape[1] < len(space) or n_train == len(motion):
+    if n_train * known.shape[1] < len(space) or n_train > len(motion) - 2:  # one instant has no variance
         raise BadInputError(
             f"{walk.source}: {len(motion)} instants are too few for {len(space)} unknowns; choose a higher cut-off."
         )

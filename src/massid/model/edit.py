@@ -68,11 +68,16 @@ def make_plain_motor(motor: Any) -> None:
 
 
 def set_options(option: Any) -> None:
-    """Contacts off, the robot's own actuators off, and a constraint solver that adds no error of its own."""
+    """Contacts off, the robot's own actuators off, and a constraint solver that adds no error of its own.
+
+    Flags that check the engine (fwdinv, which stops RK4 with an error), or that another solver or contacts need, go.
+    """
     disable, enable = mujoco.mjtDisableBit, mujoco.mjtEnableBit
     option.disableflags |= int(disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET)
     option.disableflags &= ~int(disable.mjDSBL_ACTUATION)
-    option.enableflags &= ~int(enable.mjENBL_SLEEP)
+    option.enableflags &= ~int(
+        enable.mjENBL_SLEEP | enable.mjENBL_FWDINV | enable.mjENBL_INVDISCRETE | enable.mjENBL_IPC
+    )
     option.disableactuator = 0
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     option.iterations, option.tolerance = SOLVER_ITERATIONS, SOLVER_TOLERANCE
