@@ -24,7 +24,6 @@ from massid.log import read_walk
 from massid.model.robot import Robot
 from massid.plant import record_walk
 from massid.score import Truth, score
-from massid.search.directions import DirectionName
 from massid.search.guided import SearchOptions
 
 THRESHOLD_KG = 0.5
@@ -42,7 +41,7 @@ class Bench:
     """Length of each [s]."""
     gait: str = "random"
     """How to walk."""
-    directions: tuple[DirectionName, ...] = ("gauss-newton", "gradient")
+    directions: tuple[str, ...] = ("gauss-newton", "gradient")
     """Search directions to compare; none to record only."""
     logs: Path = Path("bench_logs")
     """Folder of the logs."""

@@ -15,7 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench_robots import Bench, walk
+from lab.motions import Short, walk
+from lab.plant import write_ros2
 from massid.assets import resolve_model
 from massid.audit import audit_walk, prepare_walk
 from massid.identify import IdentifyOptions, identify_offline
@@ -25,7 +26,6 @@ from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
 from massid.typing import FloatArray
 from massid.walk import Walk
-from robot_lab import write_ros2
 
 FOLDER = Path("bench_lag")
 CASES = ((1, 0.0), (1, 0.001), (2, 0.0), (2, 0.001), (2, 0.0033), (2, -0.0007))
@@ -47,7 +47,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=6.0, help="of walking")
     seconds = parser.parse_args().seconds
     robot = Robot.load(resolve_model("atlas"))
-    recorded, motion, space, truth = walk(robot, Bench(seconds=seconds))
+    recorded, motion, space, truth = walk(robot, Short(seconds))
     links = tuple(parameter.target for parameter in space.parameters)
     before = float(np.linalg.norm(space.nominal - truth))
     sys.stdout.write(f"{motion}, L2 mass error {before:.2f} kg before\n")

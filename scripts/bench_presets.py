@@ -17,15 +17,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from bench_robots import LINKS, Bench, walk
+from lab.motions import LINKS, Short, walk
+from lab.plant import START_NS, Recorded, RosLog
+from lab.traits import atlas_spec
 from massid import IdentifyOptions, weigh
 from massid.errors import LogError
 from massid.log import TopicMap, load_topics
 from massid.model.robot import Robot
 from massid.typing import FloatArray
 from massid.walk.conventions import to_body, to_world
-from robot_lab import START_NS, Recorded, RosLog
-from robot_traits import atlas_spec
 
 FOLDER = Path("bench_presets")
 IMU = "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nfloat32[3] rpy\n"
@@ -198,7 +198,7 @@ def main() -> None:
         if topics.joints is not None and isinstance(topics.joints.names, tuple):
             extra = tuple(n for n in topics.joints.names if n != "-" and n not in robot.joint_names)
             topics = replace(topics, joints=replace(topics.joints, ignore=extra))
-        recorded, motion, space, truth = walk(robot, Bench(seconds=5.5))
+        recorded, motion, space, truth = walk(robot, Short(5.5))
         links = [parameter.target for parameter in space.parameters]
         for with_wrench in (True, False):
             log = RosLog(FOLDER / f"{preset}_{with_wrench}", DEFINITIONS)

@@ -21,18 +21,15 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from lab.motions import LINKS, march, walk, wriggle
+from lab.plant import Recorded, write_ros2
+from lab.traits import TRAITS, atlas_with, stepping_humanoid, suite_robot
 from massid import weigh
 from massid.model.robot import Robot
-from massid.model.unknowns.spaces import mass_space
-from massid.plant import MassErrors
 from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
-from robot_harness import Harness, hang, marching_control, plan_march
-from robot_lab import Recorded, simulate, walking_control, wriggling_control, write_ros2
-from robot_traits import TRAITS, atlas_with, stepping_humanoid, suite_robot
 
 WINDOWS = 20
-LINKS = 7
 
 
 @dataclass(frozen=True)
@@ -65,46 +62,6 @@ class Outcome:
     windows: int
     status: str
     warnings: tuple[str, ...]
-
-
-def draw(robot: Robot, seed: int) -> tuple[ParameterSpace, FloatArray]:
-    """Seven links and their true masses."""
-    moving = [link for link in robot.links if robot.welded_to(link) is None]
-    links = robot.walking_links()
-    if len(links) < LINKS:
-        links = tuple(sorted(moving, key=robot.nominal_mass_kg, reverse=True)[:LINKS])
-    space = mass_space(robot, links)
-    norm = float(np.linalg.norm(space.nominal)) / 4.0
-    errors = MassErrors(links, norm).draw(robot, np.random.default_rng(seed)).error_kg
-    return space, space.nominal + np.array([errors[link] for link in links])
-
-
-def walk(
-    robot: Robot, bench: Bench, walker_robot: Robot | None = None
-) -> tuple[Recorded, str, ParameterSpace, FloatArray]:
-    """Let a robot walk."""
-    space, truth = draw(robot, bench.seed)
-    control, start, feet = walking_control(robot, bench.seed, walker_robot)
-    recorded = simulate(robot, space, truth, control, start, bench.seconds, feet)
-    return recorded, "fell" if recorded.fell else "walked", space, truth
-
-
-def wriggle(
-    robot: Robot, bench: Bench, stiffness: float = 40.0, amplitude: float = 0.5
-) -> tuple[Recorded, str, ParameterSpace, FloatArray]:
-    """Let a robot wriggle on the floor, in contact with whatever touches it."""
-    space, truth = draw(robot, bench.seed)
-    control, start = wriggling_control(robot, bench.seed, stiffness, amplitude)
-    return simulate(robot, space, truth, control, start, bench.seconds), "wriggled on the floor", space, truth
-
-
-def march(robot: Robot, feet: tuple[str, str], bench: Bench) -> tuple[Recorded, str, ParameterSpace, FloatArray]:
-    """Let a robot march on the spot in an instrumented harness, with its own motors."""
-    space, truth = draw(robot, bench.seed)
-    plan = plan_march(robot, feet)
-    control, start = marching_control(robot, plan, bench.seed), hang(robot, plan, feet)
-    recorded = simulate(robot, space, truth, control, start, bench.seconds, feet, support=Harness(robot))
-    return recorded, "marched in a harness", space, truth
 
 
 def identify(

@@ -15,7 +15,6 @@ from rich.table import Table
 
 from massid.paper.non_affine_case import TARGET_WINDOWS, first_below
 from massid.paper.setting import CONVERGED, DEFAULT, NonAffineRun, as_start, random_starts
-from massid.search.directions import DirectionName
 from massid.systems import non_affine
 
 
@@ -27,7 +26,7 @@ class Bench:
     """Number of starts."""
     windows: int = 12
     """Dwell windows of 4 s for each."""
-    direction: DirectionName = "gauss-newton"
+    direction: str = "gauss-newton"
     """Search direction."""
     p2_upper: float = 4.0
     """Upper end of Theta in p2; with 4 one of the scanned values is p* itself."""

@@ -22,7 +22,7 @@ ONLY_IN = {
     "tyro": {"cli"},
     "rich": {"cli"},
     "dm_control": {"plant"},
-    "quadprog": {"walking"},
+    "daqp": {"walking"},
     "ruamel": {"log"},
     "google": {"log"},
 }

@@ -8,17 +8,13 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError
-from massid.search.directions import (
-    DIRECTIONS,
-    AdamDirection,
-    BfgsDirection,
-    Direction,
-    DirectionName,
-    GaussNewtonDirection,
-    GradientDirection,
-    HeavyBallDirection,
-    LevenbergMarquardtDirection,
-)
+from massid.search.directions import DIRECTIONS, Direction, make_direction
+from massid.search.directions.adam import AdamDirection
+from massid.search.directions.bfgs import BfgsDirection
+from massid.search.directions.gauss_newton import GaussNewtonDirection
+from massid.search.directions.gradient import GradientDirection
+from massid.search.directions.heavy_ball import HeavyBallDirection
+from massid.search.directions.levenberg_marquardt import LevenbergMarquardtDirection
 from massid.search.guided import GuidedSearch, SearchOptions, SearchStatus
 from massid.search.line_search import LineSearch
 from massid.search.model_set import ModelSet
@@ -54,14 +50,14 @@ def _descend(direction: Direction, steps: int) -> list[LocalQuadratic]:
 
 
 @pytest.mark.parametrize("name", sorted(DIRECTIONS))
-def test_every_direction_descends_and_converges_on_a_quadratic(name: DirectionName) -> None:
+def test_every_direction_descends_and_converges_on_a_quadratic(name: str) -> None:
     seen = _descend(DIRECTIONS[name](0.0), 60)
     assert seen[1].value < seen[0].value
     assert seen[-1].value < 1e-3 * seen[0].value
 
 
 @pytest.mark.parametrize("name", sorted(DIRECTIONS))
-def test_every_search_has_a_direction_of_its_own(name: DirectionName) -> None:
+def test_every_search_has_a_direction_of_its_own(name: str) -> None:
     """What one search has learnt does not leak into the next."""
     options = SearchOptions(direction=name)
 
@@ -160,7 +156,7 @@ def test_the_cap_narrows_after_a_failure_and_widens_again() -> None:
 
 
 @pytest.mark.parametrize("direction", ["gauss-newton", "gradient", "adam", "bfgs"])
-def test_the_largest_step_holds_in_a_search(direction: DirectionName) -> None:
+def test_the_largest_step_holds_in_a_search(direction: str) -> None:
     options = SearchOptions(direction=direction, largest_step=0.1)
     search = GuidedSearch(make_space(), 12, options, np.random.default_rng(0))
     before = np.zeros(3)
@@ -242,3 +238,31 @@ def test_from_a_distant_guess_that_wins_the_search_takes_no_step_but_samples_the
     np.testing.assert_array_equal(first.estimate, far)
     assert first.status is SearchStatus.RUNNING
     assert np.linalg.norm(second.estimate - TRUTH) < np.linalg.norm(far - TRUTH)
+
+
+class _HalfNewton:
+    """A direction of a user's own, which counts its steps."""
+
+    second_order = True
+
+    def __init__(self) -> None:
+        self.steps = 0
+
+    def step(self, quadratic: LocalQuadratic, space: ParameterSpace) -> FloatArray:
+        self.steps += 1
+        return 0.5 * GaussNewtonDirection().step(quadratic, space)
+
+
+def test_a_direction_of_ones_own_is_handed_in_and_every_search_has_a_copy() -> None:
+    own = _HalfNewton()
+    search = GuidedSearch(make_space(), 9, SearchOptions(direction=own))
+    drive(search, _bank(9), 12)
+    assert np.linalg.norm(search.estimate - TRUTH) < 1e-3 * np.linalg.norm(TRUTH)
+    assert own.steps == 0
+
+
+def test_what_is_no_direction_is_refused() -> None:
+    with pytest.raises(BadInputError, match=r"no direction named 'newton'\. .* It has: gauss-newton, adam"):
+        make_direction("newton")
+    with pytest.raises(BadInputError, match="object is no direction: expected a name, or an object with `step`"):
+        make_direction(object())  # type: ignore[arg-type]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from massid.errors import BadInputError
-from massid.search.directions import GaussNewtonDirection, GradientDirection
+from massid.search.directions.gauss_newton import GaussNewtonDirection
+from massid.search.directions.gradient import GradientDirection
 from massid.search.guided import GuidedSearch, SearchOptions, SearchStatus
 from massid.search.line_search import LineSearch
 from massid.search.proposal import Role

@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import nnls
 
 from massid.typing import FloatArray
-from massid.walking import Morphology
-from massid.walking.qp import Contact, JointTask, MotionTask, QpOptions, Solution, WholeBodyQp
+from massid.walking import Morphology, qp
+from massid.walking.qp import Contact, JointTask, MotionTask, QpOptions, Solution, WholeBodyQp, minimise
 from massid.walking.stance import standing_qpos
 from massid.walking.state import RobotState
 from massid.walking.tasks import TaskOptions, Tasks
@@ -105,3 +108,126 @@ def test_a_state_that_is_no_number_has_no_solution() -> None:
     nothing = JointTask(np.zeros(MODEL.nv), np.zeros(MODEL.nv))
     programme = WholeBodyQp(PARTS.torque_limits_nm)
     assert programme.solve(state, contacts, np.zeros(3), np.zeros(3), motions, nothing) is None
+
+
+Problem = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, int]
+"""Hessian, linear term, rows, lower and upper bounds, number of equalities."""
+
+
+def drawn(seed: int) -> Problem:
+    """A problem of the walker's size that has a solution: 46 variables, 6 equalities, 28 limits, 22 sides of cones."""
+    rng = np.random.default_rng(seed)
+    root, rows, inside = rng.normal(size=(40, 46)), rng.normal(size=(56, 46)), rng.normal(size=46)
+    hessian = root.T @ root + 1e-4 * np.eye(46)
+    lower = rows @ inside - np.concatenate([np.zeros(6), rng.exponential(0.1, 50)])
+    upper = np.concatenate([lower[:6], lower[6:34] + rng.exponential(0.1, 28) + 0.1, np.full(22, 1e30)])
+    return hessian, 10.0 * rng.normal(size=46), rows, lower, np.maximum(upper, rows @ inside), 6
+
+
+def walkers(monkeypatch: pytest.MonkeyPatch, seed: int, feet: tuple[int, ...]) -> Problem:
+    """What the walker asks for when it is pushed and its motors are weak."""
+    asked: list[Problem] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(qp, "minimise", lambda *problem: (asked.append(problem), minimise(*problem))[1])
+        solve(moving_state(seed), feet, 0.3 * PARTS.torque_limits_nm, np.array([3.0, -3.0, 1.0]))
+    return asked[0]
+
+
+def assert_optimal(problem: Problem, x: FloatArray | None) -> int:
+    """Karush, Kuhn and Tucker's conditions, which suffice for a convex problem; gives the number of active limits.
+
+    Multipliers are fitted to the active rows alone, and none may be below zero.
+    """
+    hessian, linear, rows, lower, upper, equalities = problem
+    assert x is not None
+    value, slack = rows @ x, 1e-9 + 1e-12 * (np.abs(rows) @ np.abs(x)).max()
+    assert np.all(value >= lower - slack)
+    assert np.all(value <= upper + slack)
+    at_lower, at_upper = value <= lower + slack, value >= upper - slack
+    pushes = np.concatenate([rows[at_lower], -rows[at_upper]])  # an equality is at both, and may push either way
+    scale = (np.abs(hessian) @ np.abs(x) + np.abs(linear)).max()
+    _, left = nnls(pushes.T, (hessian @ x - linear) / scale)
+    assert left < 1e-12
+    return len(pushes) - 2 * equalities
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_least_cost_is_found(seed: int) -> None:
+    problem = drawn(seed)
+    assert assert_optimal(problem, minimise(*problem)) >= 10
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("feet", [(0, 1), (0,)])
+def test_the_least_cost_is_found_of_what_the_walker_asks(
+    seed: int, feet: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = walkers(monkeypatch, seed, feet)
+    assert problem[2].shape == ((56, 46) if len(feet) == 2 else (45, 40))
+    assert assert_optimal(problem, minimise(*problem)) >= 3
+
+
+def test_a_solution_that_is_off_by_little_is_not_the_least() -> None:
+    problem = drawn(0)
+    x = minimise(*problem)
+    assert x is not None
+    with pytest.raises(AssertionError):
+        assert_optimal(problem, x + 1e-8 * np.abs(x).max())
+
+
+@pytest.mark.parametrize("contradiction", ["bounds", "equalities", "inequalities"])
+def test_contradictions_have_no_solution(contradiction: str) -> None:
+    hessian, linear, rows, lower, upper, equalities = drawn(1)
+    if contradiction == "bounds":
+        lower[40], upper[40] = 1.0, 0.0
+    elif contradiction == "equalities":
+        rows[1] = rows[0]
+        lower[1] = upper[1] = lower[0] + 1.0
+    else:
+        rows[50] = -rows[49]
+        lower[49:51] = 1.0
+    assert minimise(hessian, linear, rows, lower, upper, equalities) is None
+
+
+@pytest.mark.parametrize("broken", [np.nan, np.inf])
+@pytest.mark.parametrize("part", range(5))
+@pytest.mark.parametrize("place", [0, -1])
+def test_numbers_that_are_none_have_no_solution(place: int, part: int, broken: float) -> None:
+    problem = drawn(2)
+    parts = problem[:5]
+    parts[part].flat[place] = broken
+    assert minimise(*problem) is None
+
+
+def test_a_cost_that_is_not_convex_has_no_solution() -> None:
+    hessian, *others = drawn(3)
+    assert minimise(-hessian, *others) is None
+
+
+def test_a_solver_that_gives_up_has_no_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+    for flag in range(-8, 0):
+        monkeypatch.setattr(qp.daqp, "solve", lambda *_, flag=flag, **__: (np.zeros(46), 0.0, flag, {}))
+        assert minimise(*drawn(0)) is None
+
+
+def test_a_problem_is_left_as_it_was_and_may_be_a_view() -> None:
+    hessian, linear, rows, lower, upper, equalities = problem = drawn(4)
+    wide = np.zeros((56, 3))
+    wide[:, 0], wide[:, 2] = lower, upper
+    views = (hessian.T, linear, np.asfortranarray(rows), wide[:, 0], wide[:, 2], equalities)
+    first, second = minimise(*views), minimise(*problem)
+    assert first is not None
+    assert second is not None
+    assert_allclose(first, second, rtol=1e-9)
+    for part, before in zip(problem[:5], drawn(4)[:5], strict=True):
+        assert_allclose(part, before, rtol=0, atol=0)
+
+
+def test_the_same_problem_has_the_same_solution_in_any_order_and_thread() -> None:
+    problems = [drawn(seed) for seed in range(20)]
+    once = [minimise(*problem) for problem in problems]
+    with ThreadPoolExecutor(4) as pool:
+        again = list(pool.map(lambda problem: minimise(*problem), problems[::-1] * 5))
+    for i, solution in enumerate(again):
+        assert solution is not None
+        assert np.array_equal(solution, once[19 - i % 20])

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from massid.errors import ModelError
 from massid.typing import FloatArray
-from massid.walking import GAITS, Gait, Phase, Walker, WalkerOptions
+from massid.walking import GAITS, Gait, Phase, Walker, WalkerOptions, qp
 from massid.walking.stepper import StepperOptions
 from tests.walking.floor import SEVEN_LINKS, Plant, error_factors, nominal, on_floor
 
@@ -130,6 +130,15 @@ def test_torques_are_held_between_controls_and_cannot_be_written() -> None:
     assert robot.control(0.002, qpos, qvel, load) is not first
     with pytest.raises(ValueError, match="read-only"):
         first[0] = 1.0
+
+
+def test_without_a_solution_the_last_torques_are_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = walker("atlas", GAITS["stand"])
+    qpos, qvel, load = robot.initial_qpos(), np.zeros(34), np.full(2, 770.0)
+    first = robot.control(0.0, qpos, qvel, load)
+    monkeypatch.setattr(qp, "minimise", lambda *_: None)
+    assert robot.control(0.002, qpos, qvel, load) is first
+    assert robot.failed_solves == 1
 
 
 def test_options_reach_their_parts() -> None:

@@ -7,9 +7,10 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
-from typing import Annotated, Any, Protocol, Union, cast
+from typing import Annotated, Any, Protocol, Union, cast, get_args
 
 import tyro
+from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from massid.cli.corrupt import Corrupt
 from massid.cli.demo import Demo
@@ -24,6 +25,7 @@ from massid.cli.report import Report
 from massid.cli.view import View
 from massid.errors import BadInputError, MassidError
 from massid.ranges import OptionError
+from massid.search.directions import Direction, direction_name, direction_names
 
 DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
 
@@ -72,6 +74,31 @@ def _parse(arguments: Sequence[str]) -> Command:
     ]
     union: Any = Union[tuple(described)]  # noqa: UP007  # built at run time
     parsed = tyro.cli(
-        union, prog="massid", description=DESCRIPTION, args=arguments, config=(tyro.conf.OmitArgPrefixes,)
+        union,
+        prog="massid",
+        description=DESCRIPTION,
+        args=arguments,
+        config=(tyro.conf.OmitArgPrefixes,),
+        registry=_registry(),
     )
     return cast("Command", parsed)
+
+
+def _registry() -> ConstructorRegistry:
+    """What tyro does not know by itself: a direction is typed by its name."""
+    registry = ConstructorRegistry()
+
+    @registry.primitive_rule
+    def direction(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+        if Direction not in get_args(info.type):
+            return None
+        return PrimitiveConstructorSpec(
+            nargs=1,
+            metavar="{" + ",".join(direction_names()) + "}",
+            instance_from_str=lambda words: words[0],
+            is_instance=lambda value: isinstance(value, str),
+            str_from_instance=lambda value: [direction_name(value)],
+            choices=direction_names(),
+        )
+
+    return registry

@@ -19,7 +19,7 @@ from massid.observer.sensors import NoisySensors
 from massid.result.excitation import from_deviations
 from massid.result.posterior import LARGEST_INFLATION, ScoreScatter, posterior
 from massid.result.result import Uncertainty, WindowResult
-from massid.search.directions import SECOND_ORDER
+from massid.search.directions import direction_name, direction_names, make_direction
 from massid.search.guided import Iteration, SearchOptions, SearchStatus
 from massid.search.monitoring import Monitoring
 from massid.search.offline import Outlook
@@ -71,11 +71,12 @@ class LikelihoodInference:
         Raises:
             BadInputError: a first-order direction, which does not reach the minimum in one pass.
         """
-        direction = options.search.direction
-        if direction not in SECOND_ORDER:
+        if not make_direction(options.search.direction).second_order:
+            named = direction_name(options.search.direction)
+            second_order = [name for name in direction_names() if make_direction(name).second_order]
             raise BadInputError(
-                f"Direction {direction} does not reach the minimum in one pass over a noisy log, and intervals are "
-                f"those of the minimum: choose one of {', '.join(sorted(SECOND_ORDER))}, or offline identification."
+                f"Direction {named} does not reach the minimum in one pass over a noisy log, and intervals are those "
+                f"of the minimum: choose one of {', '.join(second_order)}, or offline identification."
             )
         return LikelihoodLearning(space, self.prior(space))
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from massid.ranges import require_not_negative, require_positive
+from massid.search.directions import direction_name
 from massid.search.guided import SearchOptions, enough_models
 from massid.walk.noise import NoisePreset
 
@@ -58,7 +59,8 @@ class IdentifyOptions:
 
     def to_json(self) -> dict[str, Any]:
         """As plain JSON values, an infinite one as null."""
-        document = asdict(self)
+        search_options = replace(self.search, direction=direction_name(self.search.direction))
+        document = asdict(replace(self, search=search_options))
         search = document.pop("search")
         return {name: _finite(value) for name, value in document.items()} | {
             "search": {name: _finite(value) for name, value in search.items()}

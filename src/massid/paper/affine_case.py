@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from massid.paper.setting import DIRECTION_NAMES, PAPER_DIRECTION, AffineRun
-from massid.search.directions import DirectionName
 from massid.search.guided import SearchOptions, SearchStatus
 from massid.systems import affine
 from massid.systems.online import OnlineRun
@@ -49,7 +48,7 @@ class AffineCase:
         sensitivity: what was changed, and the outcome of the paper's direction and of the default.
     """
 
-    outcomes: dict[DirectionName, AffineOutcome]
+    outcomes: dict[str, AffineOutcome]
     seeds: tuple[AffineOutcome, ...]
     sensitivity: tuple[tuple[str, AffineOutcome, AffineOutcome], ...]
 

@@ -18,7 +18,6 @@ from massid.paper.walk_drift import WalkDrift, run_walk_drift
 from massid.paper.walk_theory import WalkTheory
 from massid.plant import record_walk, truth_path
 from massid.score import Truth, score
-from massid.search.directions import DirectionName
 from massid.search.guided import SearchOptions
 from massid.typing import FloatArray
 from massid.walk import Walk
@@ -56,7 +55,7 @@ class HumanoidCase:
         drift: online against offline while the torso grows heavier; None where no walk was recorded.
     """
 
-    errors: dict[DirectionName, MassErrors]
+    errors: dict[str, MassErrors]
     walk: Walk
     robot: Robot
     links: tuple[str, ...]

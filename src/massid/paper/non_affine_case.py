@@ -28,7 +28,7 @@ from massid.paper.setting import (
     random_starts,
     silent,
 )
-from massid.search.directions import SECOND_ORDER, DirectionName
+from massid.search.directions import make_direction
 from massid.search.guided import GuidedSearch, SearchOptions
 from massid.search.monitoring import Monitoring
 from massid.search.offline import BlockReplay, run_offline
@@ -78,11 +78,11 @@ def first_below(run: OnlineRun, threshold: float = THRESHOLD) -> int | None:
     return int(below[0]) if len(below) else None
 
 
-def settle(direction: DirectionName, starts: int = STARTS, seeds: int = SEEDS) -> Settling:
+def settle(direction: str, starts: int = STARTS, seeds: int = SEEDS) -> Settling:
     """Noise seeds from p0 and random starts, with one direction."""
     search = replace(DEFAULT, direction=direction)
     seeded = [NonAffineRun(seed=seed, windows=WINDOWS, search=search).run() for seed in range(seeds)]
-    windows = START_WINDOWS if direction in SECOND_ORDER else FIRST_ORDER_WINDOWS
+    windows = START_WINDOWS if make_direction(direction).second_order else FIRST_ORDER_WINDOWS
     runs = [
         NonAffineRun(start=as_start(start), seed=i, windows=windows, search=search).run()
         for i, start in enumerate(random_starts(starts))
@@ -279,7 +279,7 @@ class NonAffineCase:
     default: OnlineRun
     paper: PaperDirectionCase
     without: OnlineRun
-    settling: dict[DirectionName, Settling]
+    settling: dict[str, Settling]
     holds: list[tuple[float, float, float]]
     sensitivity: list[tuple[str, int | None, float]]
     scans: list[ScanOutcome]

@@ -8,7 +8,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from massid.search.directions import DirectionName
 from massid.search.guided import GuidedSearch, SearchOptions
 from massid.systems import affine, non_affine
 from massid.systems.bank import SystemBank
@@ -31,7 +30,7 @@ SETTLED = 6
 """Windows after which an error of V-B counts as noise, not as search."""
 CONVERGED = 0.05
 """Error below which a start of V-B has found p*: no other minimum is as near, and noise is far below."""
-DIRECTION_NAMES: tuple[DirectionName, ...] = (
+DIRECTION_NAMES: tuple[str, ...] = (
     "gauss-newton",
     "levenberg-marquardt",
     "gradient",
@@ -40,7 +39,7 @@ DIRECTION_NAMES: tuple[DirectionName, ...] = (
     "adam",
     "bfgs",
 )
-PAPER_DIRECTION: DirectionName = "gradient"
+PAPER_DIRECTION: str = "gradient"
 DEFAULT = SearchOptions(scan=("p2", "p3"))
 """V-B: the second-order direction, and p2 and p3, in which mu is far from quadratic, scanned in the first window."""
 

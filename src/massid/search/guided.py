@@ -10,7 +10,8 @@ import numpy as np
 
 from massid.errors import BadInputError
 from massid.ranges import OptionError, require_not_negative, require_positive
-from massid.search.directions import DIRECTIONS, SECOND_ORDER, DirectionName, GaussNewtonDirection
+from massid.search.directions import Direction, make_direction
+from massid.search.directions.gauss_newton import GaussNewtonDirection
 from massid.search.gradient import GradientEstimator, estimate_gradient
 from massid.search.line_search import LineSearch
 from massid.search.model_set import ModelSet
@@ -31,7 +32,8 @@ class SearchOptions:
     """How to search.
 
     Attributes:
-        direction: gauss-newton (second order, from the Gram matrix), gradient (the paper's) or another.
+        direction: gauss-newton (second order, from the Gram matrix), gradient (the paper's), another by name, or one of
+            your own.
         gradient: estimator of the gradient; default gram for second-order directions, ransac for the others.
         sampling: pairs (antithetic), ball or cube.
         radius: first sampling radius, as a fraction of the nominal values; it then follows the steps.
@@ -45,7 +47,7 @@ class SearchOptions:
         gradient_tolerance: converged when |grad mu| is below this number (Eq. 18); 0 switches it off.
     """
 
-    direction: DirectionName = "gauss-newton"
+    direction: str | Direction = "gauss-newton"
     gradient: GradientEstimator | None = None
     sampling: Sampling = "pairs"
     radius: float = 0.1
@@ -145,7 +147,7 @@ class GuidedSearch:
         self._windows = 0
         self._estimate = starts[0]
         self._models = ModelSet(n_models, len(space.tangents))
-        self._direction = DIRECTIONS[self.options.direction](self.options.step_size)
+        self._direction = make_direction(self.options.direction, self.options.step_size)
         self._line_search = LineSearch(self.options.largest_step)
         self._reach = 0.0  # of the last step, as a multiple of the scales
         self._from: FloatArray | None = None  # where it began
@@ -195,7 +197,7 @@ class GuidedSearch:
         if len(self._scanned) and self._windows == 0:
             return self._tell_scan(monitoring)
         quadratic = monitoring.local_quadratic()
-        estimator = options.gradient or ("gram" if options.direction in SECOND_ORDER else "ransac")
+        estimator = options.gradient or ("gram" if self._direction.second_order else "ransac")
         if estimator != "gram":
             quadratic = replace(quadratic, gradient=estimate_gradient(monitoring, estimator, self._rng))
         best = self._models.select_best(monitoring)
@@ -224,7 +226,7 @@ class GuidedSearch:
         Near p* noise may send a search back a hair's breadth, so second-order directions count only the latter.
         """
         went_back = self._from is not None and bool(np.array_equal(best, self._from))
-        failed = not trusted if self.options.direction in SECOND_ORDER else went_back
+        failed = not trusted if self._direction.second_order else went_back
         if failed:
             return self._line_search.narrowed(max(self._reach, self.options.smallest_radius))
         return self._line_search.widened(self.options.largest_step) if self._stepped else self._line_search

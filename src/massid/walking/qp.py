@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import daqp
 import numpy as np
-import quadprog
 
 from massid.typing import FloatArray
 from massid.walking.morphology import Sole
@@ -21,6 +21,19 @@ FORCE_SCALE = 100.0
 """Newton (or newton metre) per unit of a wrench variable."""
 
 _GRAVITY = np.array([0.0, 0.0, 9.81])
+
+_UNBOUNDED = 1e30
+"""What daqp takes for infinity."""
+_EQUALITY = 5
+"""daqp's mark of a row that is active and stays so."""
+_SETTINGS = {
+    # Rows may be off by so much. With daqp's own 1e-6, accelerations are off by as much.
+    "primal_tol": 1e-9,
+    # Left to itself, daqp eliminates equalities first, or not, depending on the number of joints. That saves no time
+    # here, costs digits, and takes a lower bound above the upper one for an equality.
+    "eq_reduction": -1,
+}
+"""Where daqp is not left to itself."""
 
 
 @dataclass(frozen=True)
@@ -145,10 +158,9 @@ class WholeBodyQp:
             The solution, or None when the solver finds none: the state is no number, or rounding made it give up.
         """
         hessian, linear = self._cost(state, contacts, com_acceleration, momentum_rate, motions, joints)
-        rows, bounds, equalities, stacked = self._constraints(state, contacts)
-        try:
-            x = quadprog.solve_qp(hessian, linear, rows.T, bounds, equalities)[0]
-        except ValueError:
+        rows, lower, upper, equalities, stacked = self._constraints(state, contacts)
+        x = minimise(hessian, linear, rows, lower, upper, equalities)
+        if x is None:
             return None
         nv = len(state.bias)
         qacc, forces = x[:nv], FORCE_SCALE * x[nv:]
@@ -213,8 +225,8 @@ class WholeBodyQp:
 
     def _constraints(
         self, state: RobotState, contacts: Sequence[Contact]
-    ) -> tuple[FloatArray, FloatArray, int, FloatArray]:
-        """Rows r and bounds b of r x >= b, the number of leading equalities, and the feet's stacked Jacobian."""
+    ) -> tuple[FloatArray, FloatArray, FloatArray, int, FloatArray]:
+        """Rows and their bounds, the number of leading equalities, and the feet's stacked Jacobian."""
         nv = len(state.bias)
         stacked = np.concatenate([contact.frame.jacobian for contact in contacts])
         dynamics = np.concatenate([state.inertia, -FORCE_SCALE * stacked.T], axis=1)
@@ -226,14 +238,12 @@ class WholeBodyQp:
         for i, cone in enumerate(cones):
             cone_rows[start : start + len(cone), nv + 6 * i : nv + 6 * i + 6] = cone
             start += len(cone)
-        rows = np.concatenate(
-            [dynamics[:6], torque_rows[passive], torque_rows[limited], -torque_rows[limited], cone_rows]
-        )
-        bias, limit = torque_bias[limited], self._limits[limited]
-        bounds = np.concatenate(
-            [-state.bias[:6], -torque_bias[passive], -limit - bias, -limit + bias, np.zeros(len(cone_rows))]
-        )
-        return rows, bounds, 6 + len(passive), stacked
+        rows = np.concatenate([dynamics[:6], torque_rows[passive], torque_rows[limited], cone_rows])
+        fixed = np.concatenate([-state.bias[:6], -torque_bias[passive]])
+        bias, limit, zeros = torque_bias[limited], self._limits[limited], np.zeros(len(cone_rows))
+        lower = np.concatenate([fixed, -limit - bias, zeros])
+        upper = np.concatenate([fixed, limit - bias, zeros + _UNBOUNDED])
+        return rows, lower, upper, len(fixed), stacked
 
     def _cone(self, contact: Contact) -> FloatArray:
         """Rows on one scaled wrench in world axes: normal force, friction, centre of pressure, twist; shape (11, 6)."""
@@ -260,6 +270,35 @@ class WholeBodyQp:
         to_sole = contact.frame.rotation.T
         turned[:, :3], turned[:, 3:] = local[:, :3] @ to_sole, local[:, 3:] @ to_sole
         return turned
+
+
+def minimise(
+    hessian: FloatArray, linear: FloatArray, rows: FloatArray, lower: FloatArray, upper: FloatArray, equalities: int
+) -> FloatArray | None:
+    """Minimise x' hessian x / 2 - linear' x with lower <= rows x <= upper.
+
+    The same problem has the same solution to the last bit, whatever was solved before and in whatever thread: daqp is
+    given no guess and no limit of time, and keeps nothing from one call to the next.
+
+    Args:
+        hessian: symmetric, positive definite, shape (n, n).
+        linear: shape (n,).
+        rows: shape (m, n).
+        lower: shape (m,).
+        upper: 1e30 for no bound, shape (m,).
+        equalities: so many leading rows have equal bounds.
+
+    Returns:
+        The solution, shape (n,); None if there is none, if the solver gave up, or if a number is not finite.
+    """
+    if not all(np.isfinite(part).all() for part in (hessian, linear, rows, lower, upper)):
+        return None  # daqp passes over a row with NaN and calls optimal what it finds
+    hessian, lower, upper = map(np.ascontiguousarray, (hessian, lower, upper))  # daqp takes for granted that they are
+    sense = np.zeros(len(rows), np.intc)
+    sense[:equalities] = _EQUALITY
+    x: FloatArray
+    x, _, flag, _ = daqp.solve(hessian, -linear, rows, upper, lower, sense, **_SETTINGS)
+    return x if flag > 0 else None  # 1, or 4 where rounding exceeds the tolerance; below zero x may be anything
 
 
 def skew(vector: FloatArray) -> FloatArray:

@@ -1,64 +1,52 @@
 """Search directions: from a local quadratic to the step that the line search begins with (Section III, step 2).
 
-One direction, one file, one interface: `Direction.step`. A direction may remember earlier windows, so every search
-makes its own.
+One direction, one file, one interface. A module of this folder that has `MAKERS` offers what is in it by name; nothing
+else has to know.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Literal, Protocol, TypeAlias
+import copy
+from importlib import import_module
+from pkgutil import iter_modules
 
-from massid.search.directions.adam import AdamDirection
-from massid.search.directions.bfgs import BfgsDirection
-from massid.search.directions.box import box_minimum
-from massid.search.directions.gauss_newton import GaussNewtonDirection
-from massid.search.directions.gradient import GradientDirection
-from massid.search.directions.heavy_ball import HeavyBallDirection
-from massid.search.directions.levenberg_marquardt import LevenbergMarquardtDirection
-from massid.search.directions.metric import Metric
-from massid.search.parameters import ParameterSpace
-from massid.search.quadratic import LocalQuadratic
-from massid.typing import FloatArray
+from massid.errors import BadInputError, unknown_name
+from massid.search.directions.direction import Direction, Makers
 
-__all__ = [
-    "DIRECTIONS",
-    "SECOND_ORDER",
-    "AdamDirection",
-    "BfgsDirection",
-    "Direction",
-    "DirectionName",
-    "GaussNewtonDirection",
-    "GradientDirection",
-    "HeavyBallDirection",
-    "LevenbergMarquardtDirection",
-    "Metric",
-    "box_minimum",
-]
-
-DirectionName: TypeAlias = Literal[
-    "gauss-newton", "levenberg-marquardt", "gradient", "plain-gradient", "safe-gradient", "heavy-ball", "adam", "bfgs"
-]
+__all__ = ["DIRECTIONS", "Direction", "direction_name", "direction_names", "make_direction"]
 
 
-class Direction(Protocol):
-    """Computes alpha times the search direction: the offset of the next estimate (Eq. 9)."""
-
-    def step(self, quadratic: LocalQuadratic, space: ParameterSpace) -> FloatArray:
-        """Offset from the quadratic's centre, shape (n_p,); the line search keeps it in Theta."""
+def _gather() -> Makers:
+    modules = (import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__))
+    return {name: maker for module in modules for name, maker in getattr(module, "MAKERS", {}).items()}
 
 
-DIRECTIONS: dict[DirectionName, Callable[[float], Direction]] = {
-    "gauss-newton": lambda step_size: GaussNewtonDirection(),
-    "levenberg-marquardt": lambda step_size: LevenbergMarquardtDirection(),
-    "gradient": lambda step_size: GradientDirection("scale", step_size),
-    "plain-gradient": lambda step_size: GradientDirection("unit", step_size),
-    "safe-gradient": lambda step_size: GradientDirection("unit", step_size, "lipschitz"),
-    "heavy-ball": lambda step_size: HeavyBallDirection("scale", step_size),
-    "adam": AdamDirection,
-    "bfgs": lambda step_size: BfgsDirection("scale"),
-}
-"""Makes a direction from alpha of Eq. (9), 0 for its own choice; second-order directions need none."""
+DIRECTIONS: Makers = _gather()
+"""All directions that have a name."""
 
-SECOND_ORDER: frozenset[DirectionName] = frozenset({"gauss-newton", "levenberg-marquardt"})
-"""Directions that take curvature and gradient from the Gram matrix."""
+
+def make_direction(direction: str | Direction, step_size: float = 0.0) -> Direction:
+    """A direction for one search: a new one by name, or a copy of one that was handed in.
+
+    Raises:
+        BadInputError: there is none of this name, or what was handed in has no `step`.
+    """
+    if isinstance(direction, str):
+        if direction not in DIRECTIONS:
+            raise BadInputError(unknown_name("direction", direction, direction_names(), "The search"))
+        return DIRECTIONS[direction](step_size)
+    if not callable(getattr(direction, "step", None)) or not isinstance(getattr(direction, "second_order", None), bool):
+        raise BadInputError(
+            f"{type(direction).__name__} is no direction: expected a name, or an object with `step` and `second_order`."
+        )
+    return copy.deepcopy(direction)
+
+
+def direction_names() -> tuple[str, ...]:
+    """Names of all directions, the default first."""
+    return tuple(sorted(DIRECTIONS, key=lambda name: (not name.startswith("gauss"), name)))
+
+
+def direction_name(direction: str | Direction) -> str:
+    """What a direction is called: its name, or that of its class."""
+    return direction if isinstance(direction, str) else type(direction).__name__

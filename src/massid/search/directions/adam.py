@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
+from massid.search.directions.direction import Makers
 from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
@@ -23,6 +26,8 @@ class AdamDirection:
         step_size: alpha, as a fraction of the parameters' scales.
     """
 
+    second_order: ClassVar[bool] = False
+
     def __init__(self, step_size: float = 0.0) -> None:
         self._step_size = step_size or STEP_SIZE
         self._mean: FloatArray | None = None
@@ -40,3 +45,6 @@ class AdamDirection:
         unbiased_mean = self._mean / (1.0 - FORGET_MEAN**self._count)
         unbiased_square = self._square / (1.0 - FORGET_SQUARE**self._count)
         return -self._step_size * space.scale * unbiased_mean / np.sqrt(unbiased_square + _TINY)
+
+
+MAKERS: Makers = {"adam": AdamDirection}

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
+from massid.search.directions.direction import Makers
 from massid.search.directions.metric import Metric, exact_step_size, metric_weight
 from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
@@ -21,6 +24,8 @@ class BfgsDirection:
     Args:
         metric: see `Metric`; of the first step.
     """
+
+    second_order: ClassVar[bool] = False
 
     def __init__(self, metric: Metric = "scale") -> None:
         self._metric: Metric = metric
@@ -46,3 +51,6 @@ class BfgsDirection:
             self._inverse = np.diag(weight) * along / float(change @ (weight * change))
         left = np.eye(len(move)) - np.outer(move, change) / along
         self._inverse = left @ self._inverse @ left.T + np.outer(move, move) / along
+
+
+MAKERS: Makers = {"bfgs": lambda step_size: BfgsDirection("scale")}

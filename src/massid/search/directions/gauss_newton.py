@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from massid.search.directions.box import box_minimum
+from massid.search.directions.direction import Makers
 from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
@@ -23,6 +26,8 @@ class GaussNewtonDirection:
     curvature; close to p* the full step remains.
     """
 
+    second_order: ClassVar[bool] = True
+
     def step(self, quadratic: LocalQuadratic, space: ParameterSpace) -> FloatArray:
         """Offset to the damped minimum, a point of Theta."""
         full = box_minimum(quadratic, space)
@@ -39,3 +44,6 @@ def _damping_factor(bend: float) -> float:
     for _ in range(_NEWTON_STEPS):
         alpha -= (alpha + bend * alpha**3 - 1.0) / (1.0 + 3.0 * bend * alpha**2)
     return alpha
+
+
+MAKERS: Makers = {"gauss-newton": lambda step_size: GaussNewtonDirection()}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
+from massid.search.directions.direction import Makers
 from massid.search.directions.metric import Metric, exact_step_size, largest_curvature, metric_weight
 from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
@@ -29,6 +30,8 @@ class GradientDirection:
     step_size: float = 0.0
     rule: StepRule = "exact"
 
+    second_order: ClassVar[bool] = False
+
     def step(self, quadratic: LocalQuadratic, space: ParameterSpace) -> FloatArray:
         """Offset along the negative gradient."""
         weight = metric_weight(space, self.metric)
@@ -39,3 +42,10 @@ class GradientDirection:
             return exact_step_size(quadratic, direction) * direction
         bound = largest_curvature(quadratic, weight)
         return direction / bound if bound > 0.0 else 0.0 * direction
+
+
+MAKERS: Makers = {
+    "gradient": lambda step_size: GradientDirection("scale", step_size),
+    "plain-gradient": lambda step_size: GradientDirection("unit", step_size),
+    "safe-gradient": lambda step_size: GradientDirection("unit", step_size, "lipschitz"),
+}

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
 
+from massid.search.directions.direction import Makers
 from massid.search.directions.metric import Metric, largest_curvature, metric_weight
 from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
@@ -22,6 +25,8 @@ class HeavyBallDirection:
         step_size: alpha; 0 for 1/L.
     """
 
+    second_order: ClassVar[bool] = False
+
     def __init__(self, metric: Metric = "scale", step_size: float = 0.0) -> None:
         self._metric: Metric = metric
         self._step_size = step_size
@@ -35,3 +40,6 @@ class HeavyBallDirection:
         momentum = np.zeros(len(space)) if self._last is None else quadratic.centre - self._last
         self._last = quadratic.centre
         return MOMENTUM * momentum - alpha * weight * quadratic.gradient
+
+
+MAKERS: Makers = {"heavy-ball": lambda step_size: HeavyBallDirection("scale", step_size)}

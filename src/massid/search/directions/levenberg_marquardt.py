@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 
 from massid.search.directions.box import box_minimum
+from massid.search.directions.direction import Makers
 from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
@@ -23,6 +25,8 @@ class LevenbergMarquardtDirection:
     different windows cannot be compared, but centre and candidates run in the same one.
     """
 
+    second_order: ClassVar[bool] = True
+
     def __init__(self) -> None:
         self._damping = FIRST_DAMPING
         self._from: FloatArray | None = None
@@ -35,3 +39,6 @@ class LevenbergMarquardtDirection:
         self._from = quadratic.centre
         diagonal = np.diag(np.diagonal(quadratic.curvature))
         return box_minimum(replace(quadratic, curvature=quadratic.curvature + self._damping * diagonal), space)
+
+
+MAKERS: Makers = {"levenberg-marquardt": lambda step_size: LevenbergMarquardtDirection()}

@@ -14,9 +14,9 @@ import mujoco
 import numpy as np
 from scipy.optimize import least_squares
 
+from lab.plant import Control
 from massid.model.robot import Robot
 from massid.typing import FloatArray, IntArray
-from robot_lab import Control
 
 LIFT_M = 0.08
 PERIOD_S = 1.1
