@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -125,6 +127,15 @@ def test_a_model_that_would_be_saved_without_what_was_found_is_refused(tmp_path:
     with pytest.raises(ModelError, match=r"another dof_armature than what was found.*write_spec"):
         ROBOT.write_mjcf(ParameterSpace((rotor,)), np.array([0.3]), tmp_path / "saved.xml")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_unknown_in_the_guide_is_one(tmp_path: Path) -> None:
+    guide = (Path(__file__).resolve().parents[2] / "docs" / "your_robot.md").read_text()
+    (block,) = re.findall(r"```python\n(.*?)```", guide, flags=re.DOTALL)
+    names: dict[str, Any] = {"__name__": __name__}
+    exec(block, names)
+    test_an_effect_is_the_derivative_of_the_inverse_dynamics(names["rotor"])
+    test_a_saved_model_moves_like_the_one_that_was_written(names["rotor"], tmp_path)
 
 
 def test_errors_of_one_sensor_add_up() -> None:
