@@ -8,6 +8,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
+from massid.model.inverse import takes_stages
 from massid.model.realisation import write_fields
 from massid.model.robot import Robot
 from massid.search.parameters import ParameterSpace
@@ -57,13 +58,20 @@ LINKS = ("torso", "l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot")
 FEET = ("l_foot", "r_foot")
 
 
-def make_robot(integrator: str = "Euler", friction_loss: float = 0.0) -> Robot:
-    """The biped with nominal masses."""
+INTEGRATORS = {
+    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
+    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "discrete": mujoco.mjtIntegrator.mjINT_DISCRETE,
+    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
+}
+
+
+def make_robot(integrator: str = "Euler", friction_loss: float = 0.0, disabled: int = 0) -> Robot:
+    """The biped with nominal masses; `disabled` are flags of the engine."""
     spec = mujoco.MjSpec.from_string(XML)
-    spec.option.integrator = {
-        "Euler": mujoco.mjtIntegrator.mjINT_EULER,
-        "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-    }[integrator]
+    spec.option.disableflags |= int(disabled)
+    spec.option.integrator = INTEGRATORS[integrator]
     for joint in spec.joints:
         if joint.name != "root":
             joint.frictionloss = friction_loss
@@ -94,6 +102,7 @@ def push_about(
     model = spec.compile()
     write_fields(model, robot.realise(space, truth))
     data = mujoco.MjData(model)
+    first_stage = mujoco.MjData(model) if takes_stages(model) else data
     joints = model.nv - 6
     phase, frequency = rng.uniform(0, 2 * np.pi, joints), rng.uniform(0.5, 2.0, joints)
     motor_dof = model.jnt_dofadr[model.actuator_trnid[:, 0]]
@@ -108,9 +117,12 @@ def push_about(
         data.ctrl[:] = torque[motor_dof - 6]
         rows["qpos"].append(data.qpos.copy())
         rows["qvel"].append(data.qvel.copy())
+        if first_stage is not data:
+            first_stage.qpos[:], first_stage.qvel[:], first_stage.ctrl[:] = data.qpos, data.qvel, data.ctrl
+            mujoco.mj_forward(model, first_stage)
         mujoco.mj_step(model, data)
-        rows["effort"].append(data.qfrc_actuator[6:].copy())
-        rows["wrench"].append(np.array([_wrench(model, data, foot) for foot in feet]))
+        rows["effort"].append(first_stage.qfrc_actuator[6:].copy())
+        rows["wrench"].append(np.array([_wrench(model, first_stage, foot) for foot in feet]))
     arrays = {name: np.array(values) for name, values in rows.items()}
     return Walk(
         root_body=robot.root_body,

@@ -14,10 +14,11 @@ from massid.assets import resolve_model
 from massid.errors import BadInputError
 from massid.log import read_walk
 from massid.model.robot import Robot
+from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.spaces import mass_space
 from massid.plant import HiddenMasses, MassErrors, motorised, record_walk, sensors_of, truth_path, variant
 from massid.score import Truth
-from massid.search.parameters import Kind, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
 from massid.walk import Walk
 from massid.walking.gait import DEFAULT_GAIT
@@ -55,7 +56,7 @@ class Given:
 
     def truth(self, space: ParameterSpace) -> FloatArray:
         """True masses and zero sensor errors, shape (n_p,)."""
-        return np.array([self.true_kg[p.target] if p.kind is Kind.MASS else 0.0 for p in space.parameters])
+        return np.array([self.true_kg[p.target] if isinstance(p, Mass) else 0.0 for p in space.parameters])
 
 
 def prepare(case: Case, logs: Path, recorded_s: float, skipped_s: float = 0.0) -> Given:

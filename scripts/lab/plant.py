@@ -13,6 +13,7 @@ import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from massid.model.inverse import takes_stages
 from massid.model.realisation import write_fields
 from massid.model.robot import Robot
 from massid.plant import motorised
@@ -130,7 +131,7 @@ def simulate(
     joints = [robot.joint_names.index(model.joint(int(j)).name) for j in model.actuator_trnid[:, 0]]
     actuated: IntArray = np.array(joints, dtype=np.int64)
     every = max(1, round(period_s / model.opt.timestep))
-    stages = int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
+    stages = takes_stages(model)
     instant = mujoco.MjData(model) if stages else data
     n = round(seconds / model.opt.timestep)
     qpos, qvel = np.zeros((n, model.nq)), np.zeros((n, model.nv))

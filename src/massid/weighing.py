@@ -27,13 +27,15 @@ from massid.judge.residuals import channel_residuals
 from massid.judge.validation import hold_out, validate
 from massid.log import TopicMap, load_topics, read_walk
 from massid.model.robot import Robot
+from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.spaces import parameter_space
+from massid.model.unknowns.unknown import Unknown
 from massid.observer.sensors import NoisySensors
 from massid.result import Result
 from massid.result.evidence import Evidence
 from massid.result.verdict import Verdict
 from massid.search.guided import check_bank_size
-from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.search.scan import scanned_columns
 from massid.walk import Walk
 
@@ -54,7 +56,7 @@ def weigh(
     robot: Model | None = None,
     links: Sequence[str] | None = None,
     *,
-    unknowns: Sequence[str | Parameter] = (),
+    unknowns: Sequence[str | Unknown] = (),
     topics: TopicMap | str | Path | None = None,
     mode: Mode = "auto",
     held_out: float = 0.2,
@@ -71,7 +73,7 @@ def weigh(
         robot: the robot with nominal masses; default the shipped model that made the log.
         links: whose mass is unknown; default torso, thighs, calves and feet, where the robot has links of these names.
         unknowns: what else is, as KIND/TARGET (com/LINK, inertia/LINK, payload/BODY@X,Y,Z, friction/JOINT,
-            damping/JOINT), or unknowns made before.
+            damping/JOINT and others, see `massid.model.unknowns`), or objects of such classes or of a user's own.
         topics: which topic plays which role: a map, a YAML file or the name of a preset; default what massid records.
         mode: online sees every dwell window once; offline replays the logs; auto is offline for logs with sensor noise.
         held_out: share at the end of each log that is not fitted: its joint torques are predicted instead.
@@ -144,7 +146,7 @@ class Weighing:
         robot: Model | None = None,
         links: Sequence[str] | None = None,
         *,
-        unknowns: Sequence[str | Parameter] = (),
+        unknowns: Sequence[str | Unknown] = (),
         topics: TopicMap | str | Path | None = None,
         mode: Mode = "auto",
         held_out: float = 0.2,
@@ -209,7 +211,7 @@ class Weighing:
     @property
     def nominal_kg(self) -> dict[str, float]:
         """Nominal mass of each link asked for [kg]."""
-        return {one.target: one.nominal for one in self.asked.parameters if one.kind is Kind.MASS}
+        return {one.body: one.nominal for one in self.asked.parameters if isinstance(one, Mass)}
 
     def require_windows(self) -> None:
         """Pass if the logs fill dwell windows: each of them that is replayed, or at least one.

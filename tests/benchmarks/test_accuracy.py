@@ -13,7 +13,10 @@ from rich.table import Table
 
 from massid.assets import shipped_models
 from massid.model.robot import Robot
-from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.model.unknowns.bodies import Mass
+from massid.model.unknowns.sensors import EffortOffset
+from massid.model.unknowns.unknown import nuisance
+from massid.search.parameters import ParameterSpace
 
 SCRIPTS = Path(__file__).resolve().parents[2] / "scripts"
 
@@ -164,8 +167,8 @@ def test_settled_mu_is_the_least_that_the_other_unknowns_leave() -> None:
     from accuracy.along import settled_mu
 
     rng = np.random.default_rng(0)
-    masses = [Parameter.mass(link, 5.0) for link in ("torso", "l_thigh", "l_calf")]
-    space = ParameterSpace((*masses, Parameter.nuisance(Kind.EFFORT_OFFSET, "l_knee", 0.1)))
+    masses = [Mass.of(link, 5.0) for link in ("torso", "l_thigh", "l_calf")]
+    space = ParameterSpace((*masses, EffortOffset("l_knee", **nuisance(0.1))))
     direction = np.array([0.0, 0.6, -0.8])
     error, derivatives = rng.normal(size=(2, 30)), rng.normal(size=(len(space), 30))
     rows = np.vstack([error, derivatives])

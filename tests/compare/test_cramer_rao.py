@@ -9,10 +9,15 @@ from massid.compare import Bound, cramer_rao
 from massid.compare.sensitivity import SensitivityRecursion
 from massid.errors import BadInputError
 from massid.identify import IdentifyOptions
-from massid.search.parameters import ALL, Kind, Parameter, ParameterSpace
+from massid.model.unknowns.bodies import InertiaScale
+from massid.model.unknowns.lags import EffortLag, WrenchLag
+from massid.model.unknowns.sensors import EffortOffset, EncoderOffset, WrenchGain, WrenchOffset
+from massid.model.unknowns.unknown import nuisance
+from massid.search.parameters import Parameter, ParameterSpace
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, SensorNoise, Sensors
 from tests.conftest import Pushed
+from tests.pushed_robot import make_robot
 from tests.weighed import weigh_offline
 
 WHITE = PRESETS["white"]
@@ -74,11 +79,11 @@ def test_the_bound_is_proportional_to_the_noise(pushed: Pushed) -> None:
 def test_more_walking_and_less_doubt_never_hurt(pushed: Pushed) -> None:
     plain = _bound(pushed)
     assert np.all(_bound(pushed, 600).std < plain.std)
-    offset = Parameter.nuisance(Kind.EFFORT_OFFSET, "l_knee", 0.4)
-    gain = Parameter.nuisance(Kind.WRENCH_GAIN, "l_foot/2", 0.01)
-    encoder = Parameter.nuisance(Kind.ENCODER_OFFSET, "r_knee", 2e-3)
-    inertia = Parameter.nuisance(Kind.INERTIA_SCALE, "torso", 0.1)
-    lags = [Parameter.nuisance(kind, ALL, 5e-4) for kind in (Kind.EFFORT_LAG, Kind.WRENCH_LAG)]
+    offset = EffortOffset("l_knee", **nuisance(0.4))
+    gain = WrenchGain("l_foot", 2, **nuisance(0.01))
+    encoder = EncoderOffset("r_knee", **nuisance(2e-3))
+    inertia = InertiaScale("torso", **nuisance(0.1))
+    lags = [EffortLag(**nuisance(5e-4)), WrenchLag(**nuisance(5e-4))]
     doubtful = _bound(pushed, 300, offset, gain, encoder, inertia, *lags)
     assert np.all(doubtful.std > plain.std)
     certain = [replace(p, prior_std=1e-9) for p in (offset, gain, encoder, inertia, *lags)]
@@ -94,17 +99,22 @@ def test_a_foot_known_to_be_in_the_air_helps(pushed: Pushed) -> None:
     wrench = pushed.walk.wrench.copy()
     wrench[100:, 1] = 0.0
     lifted = replace(pushed, walk=replace(pushed.walk, wrench=wrench))
-    offset = Parameter.nuisance(Kind.WRENCH_OFFSET, "r_foot/2", 4.0)
+    offset = WrenchOffset("r_foot", 2, **nuisance(4.0))
     gated, open_ = (_bound(lifted, 300, offset, gate=gate) for gate in (True, False))
     assert np.all(gated.std < open_.std)
     assert np.sqrt(gated.covariance[-1, -1]) < 2.0 / np.sqrt(200 - 1)  # N: 200 readings of 2 N noise
 
 
+def test_a_robot_that_integrates_with_runge_kutta_is_bounded_as_with_euler(pushed: Pushed) -> None:
+    stages = replace(pushed, robot=make_robot("RK4"))
+    np.testing.assert_allclose(_bound(stages).std, _bound(pushed).std, rtol=1e-9)
+
+
 def test_what_has_no_bound_is_refused(pushed: Pushed) -> None:
     with pytest.raises(BadInputError, match="Without noise on every measured state there is nothing to bound"):
         _bound(pushed, noise=SensorNoise(effort=1.0))
-    strange = Parameter.nuisance(Kind.COEFFICIENT, "x", 1.0)
-    with pytest.raises(BadInputError, match="no bound for coefficient/x: only for bodies and for slow errors"):
+    strange = Parameter("x", **nuisance(1.0))
+    with pytest.raises(BadInputError, match="no bound for x: only for bodies and for slow errors"):
         _bound(pushed, 10, strange)
     with pytest.raises(BadInputError, match="do not bound every unknown: name fewer links"):
         _bound(pushed, 1)

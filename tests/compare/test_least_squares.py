@@ -7,8 +7,12 @@ import pytest
 
 from massid.compare import fit_masses, scan_cutoffs, self_chosen
 from massid.errors import BadInputError
+from massid.model.unknowns.bodies import Mass
+from massid.model.unknowns.lags import EffortLag, WrenchLag
+from massid.model.unknowns.sensors import EffortGain, EffortOffset, EncoderOffset, WrenchGain, WrenchOffset
 from massid.model.unknowns.spaces import mass_space
-from massid.search.parameters import ALL, Kind, Parameter, ParameterSpace
+from massid.model.unknowns.unknown import nuisance
+from massid.search.parameters import ParameterSpace
 from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, SensorNoise, Sensors
 from tests.conftest import Pushed
@@ -46,7 +50,7 @@ def test_friction_of_the_model_is_accounted_for() -> None:
 def test_the_nominal_masses_do_not_matter(pushed: Pushed) -> None:
     """Without a prior the solution is that of a linear system, wherever it is linearised."""
     heavier = ParameterSpace(
-        tuple(replace(p, nominal=1.3 * p.nominal) if p.kind is Kind.MASS else p for p in pushed.space.parameters)
+        tuple(replace(p, nominal=1.3 * p.nominal) if isinstance(p, Mass) else p for p in pushed.space.parameters)
     )
     noisy = _measured(pushed.walk, PRESETS["white"])
     first, second = (fit_masses(noisy, pushed.robot, space, 10.0).estimate for space in (pushed.space, heavier))
@@ -54,12 +58,12 @@ def test_the_nominal_masses_do_not_matter(pushed: Pushed) -> None:
 
 
 def test_offsets_and_gains_are_found_beside_the_masses(pushed: Pushed) -> None:
-    joints, axes = pushed.robot.joint_names, [f"{foot}/{axis}" for foot in FEET for axis in range(6)]
+    joints, axes = pushed.robot.joint_names, [(foot, axis) for foot in FEET for axis in range(6)]
     slow = (
-        *(Parameter.nuisance(Kind.EFFORT_OFFSET, name, SLOW.effort_offset) for name in joints),
-        *(Parameter.nuisance(Kind.EFFORT_GAIN, name, SLOW.effort_gain) for name in joints),
-        *(Parameter.nuisance(Kind.WRENCH_OFFSET, name, SLOW.force_offset) for name in axes if name[-1] in "012"),
-        *(Parameter.nuisance(Kind.WRENCH_GAIN, name, SLOW.wrench_gain) for name in axes),
+        *(EffortOffset(name, **nuisance(SLOW.effort_offset)) for name in joints),
+        *(EffortGain(name, **nuisance(SLOW.effort_gain)) for name in joints),
+        *(WrenchOffset(foot, axis, **nuisance(SLOW.force_offset)) for foot, axis in axes if axis < 3),
+        *(WrenchGain(foot, axis, **nuisance(SLOW.wrench_gain)) for foot, axis in axes),
     )
     walk = _measured(pushed.walk, SLOW, seed=3)
     blind = fit_masses(walk, pushed.robot, pushed.space, None).estimate
@@ -77,8 +81,8 @@ def test_an_offset_that_is_already_known_is_taken_off(pushed: Pushed) -> None:
     effort = pushed.walk.effort.copy()
     effort[:, 2] -= 0.5
     known = (
-        Parameter.nuisance(Kind.WRENCH_OFFSET, f"{FEET[0]}/2", 1e-4, nominal=4.0),
-        Parameter.nuisance(Kind.EFFORT_OFFSET, pushed.robot.joint_names[2], 1e-4, nominal=-0.5),
+        WrenchOffset(FEET[0], 2, **nuisance(1e-4, 4.0)),
+        EffortOffset(pushed.robot.joint_names[2], **nuisance(1e-4, -0.5)),
     )
     space = ParameterSpace((*pushed.space.parameters, *known))
     walk = replace(pushed.walk, effort=effort, wrench=wrench)
@@ -87,7 +91,7 @@ def test_an_offset_that_is_already_known_is_taken_off(pushed: Pushed) -> None:
 
 def test_lags_are_found(pushed: Pushed) -> None:
     late = stamped_late(pushed.walk, 4e-4, 2e-4)
-    lags = (Parameter.nuisance(kind, ALL, 5e-4) for kind in (Kind.EFFORT_LAG, Kind.WRENCH_LAG))
+    lags = (EffortLag(**nuisance(5e-4)), WrenchLag(**nuisance(5e-4)))
     space = ParameterSpace((*pushed.space.parameters, *lags))
     found = fit_masses(late, pushed.robot, space, 20.0).estimate
     np.testing.assert_allclose(found[-2:], [4e-4, 2e-4], atol=2e-5)  # s
@@ -97,9 +101,7 @@ def test_an_encoder_offset_is_found(pushed: Pushed) -> None:
     column = pushed.robot.joint_names.index("l_knee")
     qpos = pushed.walk.qpos.copy()
     qpos[:, 7 + column] += 2e-3
-    space = ParameterSpace(
-        (*pushed.space.parameters, Parameter.nuisance(Kind.ENCODER_OFFSET, "l_knee", prior_std=5e-3))
-    )
+    space = ParameterSpace((*pushed.space.parameters, EncoderOffset("l_knee", **nuisance(5e-3))))
     found = fit_masses(replace(pushed.walk, qpos=qpos), pushed.robot, space, None).estimate
     assert found[-1] == pytest.approx(2e-3, abs=1e-4)  # rad; quadratic terms are left out
     np.testing.assert_allclose(found[:-1], pushed.truth, rtol=2e-3)
@@ -126,3 +128,9 @@ def test_the_cutoff_matters_and_a_user_can_choose_a_fair_one(pushed: Pushed) -> 
 def test_impossible_cutoffs_are_refused(cutoff_hz: float, message: str, pushed: Pushed) -> None:
     with pytest.raises(BadInputError, match=message):
         fit_masses(pushed.walk, pushed.robot, pushed.space, cutoff_hz)
+
+
+def test_one_instant_is_too_few_to_judge_a_cutoff(pushed: Pushed) -> None:
+    short = replace(pushed.walk, segments=(Segment(0, 600),))  # at 3 Hz four instants, the last held out
+    with pytest.raises(BadInputError, match="4 instants are too few for 7 unknowns; choose a higher cut-off"):
+        fit_masses(short, pushed.robot, pushed.space, 3.0)

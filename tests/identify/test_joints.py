@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from massid.errors import ModelError
 from massid.identify import IdentifyOptions
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space, parameter_space
@@ -22,6 +21,7 @@ from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
 from tests.weighed import verdict_on, weigh_offline
 
 FRICTION_NM, DAMPING = 1.5, 0.8
+STIFFNESS = 12.0
 UNKNOWN_NM, RUBBING = 0.5, ("l_knee", "r_hip_pitch")
 NOMINAL = make_robot(friction_loss=0.5)
 
@@ -80,9 +80,8 @@ def test_friction_and_damping_are_found_in_a_noisy_log(seed: int, rubbing: tuple
     walk, masses_kg = rubbing
     nominal = make_robot()
     measured = Sensors(PRESETS["white"], 8, walk.contact_bodies, np.random.default_rng(seed)).measure(walk)
-    space = parameter_space(
-        nominal, LINKS, [*(f"friction/{joint}" for joint in RUBBING), "friction/l_ankle", "damping/l_hip_pitch"]
-    )
+    wanted = [f"friction/{joint}" for joint in (*RUBBING, "l_ankle")]
+    space = parameter_space(nominal, LINKS, [*wanted, "damping/l_hip_pitch"])
     options = IdentifyOptions(dwell_s=0.2, noise="white", other_links=0.0, link_inertia=0.0, lag_s=0.0)
     result = weigh_offline(measured, nominal, space, options)
     found = result.uncertainty
@@ -110,6 +109,32 @@ def test_the_verdict_foresees_how_well_friction_is_known_in_a_noisy_log(rubbing:
     assert verdict.hidden_others == (f"friction/{still}",)
 
 
-def test_a_joint_that_does_not_exist_is_named() -> None:
-    with pytest.raises(ModelError, match=r"no joint named 'l_nee'\. Did you mean"):
-        parameter_space(NOMINAL, LINKS, ["damping/l_nee"])
+@pytest.mark.parametrize("noise", ["clean", "white"])
+def test_a_spring_is_found_beside_the_masses(noise: str, tmp_path: Path) -> None:
+    """Its reference position is the model's: springs that pull elsewhere are another matter."""
+    nominal = _with_spring(make_robot(), "r_ankle", 5.0)
+    true = _with_spring(make_robot(), "r_ankle", STIFFNESS)
+    masses = mass_space(true, LINKS)
+    masses_kg = draw_truth(masses, seed=3)
+    walk = push_about(true, masses, masses_kg, seconds=0.8)
+    walk = Sensors(PRESETS[noise], 8, walk.contact_bodies, np.random.default_rng(0)).measure(walk)
+    space = parameter_space(nominal, LINKS, ["stiffness/r_ankle"])
+    options = IdentifyOptions(dwell_s=0.2, noise=noise, other_links=0.0, link_inertia=0.0, lag_s=0.0)
+    result = weigh_offline(walk, nominal, space, options)
+    error = result.estimate - [*masses_kg, STIFFNESS]
+    if result.uncertainty is None:
+        np.testing.assert_allclose(error, 0.0, atol=1e-6)  # kg, N m/rad
+    else:
+        assert np.all(np.abs(error) < 4.0 * result.uncertainty.std)
+        assert result.uncertainty.std[-1] < 0.5  # N m/rad
+    nominal.write_mjcf(space, result.estimate, tmp_path / "saved.xml")
+    saved = Robot.load(tmp_path / "saved.xml").model
+    assert saved.joint("r_ankle").stiffness == pytest.approx(result.estimate[-1], rel=1e-5)
+    assert saved.qpos_spring[saved.joint("r_ankle").qposadr[0]] == pytest.approx(0.2)
+
+
+def _with_spring(robot: Robot, joint: str, stiffness: float) -> Robot:
+    spec = robot.spec.copy()
+    spec.joint(joint).stiffness = np.array([stiffness, 0.0, 0.0])
+    spec.joint(joint).springref = 0.2 if spec.compiler.degree == 0 else np.degrees(0.2)
+    return Robot(spec)

@@ -12,6 +12,7 @@ from massid.errors import BadInputError
 from massid.identify import IdentifyOptions
 from massid.identify.logs import hand_over, join_spaces
 from massid.identify.prepare import prepare_logs
+from massid.model.unknowns.unknown import unknowns_of
 from massid.result import Status
 from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
@@ -73,11 +74,12 @@ def test_sensor_errors_are_estimated_for_each_log(pushed: Pushed) -> None:
         [_part(_measured(pushed.walk, seed), 0, 400, str(seed)) for seed in (1, 2)], pushed.robot, pushed.space, NOISY
     )
     joint = join_spaces(logs)
-    numbers = [p.target.partition("@")[2] for p in joint.space.parameters if p.per_walk]
-    per_log = sum(p.per_walk for p in logs[0].space.parameters)
-    assert numbers == ["1"] * per_log + ["2"] * per_log
-    for log, columns in zip(logs, joint.columns, strict=True):
-        assert [joint.space.parameters[k].kind for k in columns] == [p.kind for p in log.space.parameters]
+    numbers = [unknown.log for unknown in unknowns_of(joint.space) if unknown.per_walk]
+    per_log = sum(unknown.per_walk for unknown in unknowns_of(logs[0].space))
+    assert numbers == [1] * per_log + [2] * per_log
+    for number, (log, columns) in enumerate(zip(logs, joint.columns, strict=True), start=1):
+        own = [unknown.name + (f"@{number}" if unknown.per_walk else "") for unknown in unknowns_of(log.space)]
+        assert [joint.space.names[k] for k in columns] == own
         assert_allclose(joint.space.nominal[columns], log.space.nominal)
 
 
@@ -88,10 +90,10 @@ def test_a_handed_over_belief_keeps_the_masses_marginal_and_forgets_the_sensors(
     jacobian = rng.normal(size=(2 * len(space), len(space))) / space.scale
     learnt = LocalQuadratic(space.nominal, 1.0, rng.normal(size=len(space)), 2 * jacobian.T @ jacobian, 0.0, 0.0, 9)
     belief = LocalQuadratic.belief(space.nominal, space.prior_precision) + learnt
-    smaller = ParameterSpace(tuple(p for p in space.parameters if "l_foot/" not in p.target))
+    smaller = ParameterSpace(tuple(p for p in space.parameters if not p.target.startswith("l_foot/")))
     after = hand_over(belief, space, smaller)
-    kept = np.array([not p.per_walk for p in space.parameters])
-    still = np.array([not p.per_walk for p in smaller.parameters])
+    kept = np.array([not p.per_walk for p in unknowns_of(space)])
+    still = np.array([not p.per_walk for p in unknowns_of(smaller)])
     covariance, covariance_after = np.linalg.inv(belief.curvature / 2), np.linalg.inv(after.curvature / 2)
     assert_allclose(covariance_after[np.ix_(still, still)], covariance[np.ix_(kept, kept)], rtol=1e-6, atol=1e-12)
     best = belief.centre - np.linalg.solve(belief.curvature, belief.gradient)

@@ -8,7 +8,7 @@ import numpy as np
 
 from massid.identify import IdentifyOptions
 from massid.identify.sensing import estimate_white_noise, nuisances
-from massid.search.parameters import Kind
+from massid.model.unknowns.sensors import WrenchOffset
 from massid.typing import FloatArray
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, Sensors
@@ -36,7 +36,7 @@ def test_force_offsets_are_read_off_feet_in_the_air(pushed: Pushed) -> None:
         offset = noise.force_offset * np.random.default_rng(100 + seed).uniform(-1.5, 1.5, (2, 3))
         walk = _one_foot_lifted(pushed, offset, seed)
         unknown = nuisances(pushed.robot, walk, pushed.space, noise, OPTIONS)
-        found = {p.target: p for p in unknown if p.kind is Kind.WRENCH_OFFSET}
+        found = {p.target: p for p in unknown if isinstance(p, WrenchOffset)}
         assert len(found) == 6
         for axis in range(3):
             left, right = found[f"l_foot/{axis}"], found[f"r_foot/{axis}"]
@@ -52,6 +52,6 @@ def test_force_sensors_that_read_plain_zero_have_no_offset(pushed: Pushed) -> No
     walk = Sensors(WHITE, 8, FEET, np.random.default_rng(0)).measure(pushed.walk)
     walk = replace(walk, wrench=np.zeros_like(walk.wrench))
     found = nuisances(pushed.robot, walk, pushed.space, estimate_white_noise(walk), OPTIONS)
-    offsets = [p for p in found if p.kind is Kind.WRENCH_OFFSET]
+    offsets = [p for p in found if isinstance(p, WrenchOffset)]
     assert len(offsets) == 6
     assert all(p.nominal == 0.0 and p.prior_std is not None and p.prior_std < 0.01 for p in offsets)

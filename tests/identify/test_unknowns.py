@@ -12,12 +12,13 @@ from massid.errors import BadInputError, ModelError
 from massid.identify import IdentifyOptions
 from massid.identify.sensing import nuisances
 from massid.model.robot import Robot
+from massid.model.unknowns.bodies import CentreOfMass, Inertia, InertiaScale, Mass
 from massid.model.unknowns.spaces import mass_space, parameter_space
 from massid.observer.bank import RobotBank
 from massid.observer.replay import replay_block
 from massid.result import Result, Status
 from massid.search.guided import enough_models
-from massid.search.parameters import Kind, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
 from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, Sensors
@@ -38,14 +39,14 @@ def _log(true: Robot, seconds: float) -> tuple[Walk, FloatArray]:
 def _true_point(space: ParameterSpace, true: Robot, masses_kg: FloatArray) -> FloatArray:
     """The truth in the space's coordinates."""
     point = space.nominal.copy()
-    for k, parameter in enumerate(space.parameters):
-        match parameter.kind:
-            case Kind.MASS:
-                point[k] = masses_kg[LINKS.index(parameter.target)]
-            case Kind.COM:
-                point[k] = true.model.body(parameter.body).ipos["xyz".index(parameter.entry)]
-            case Kind.INERTIA:
-                point[k] = 0.5 * np.log(INERTIA_GAIN) if parameter.entry in ("xx", "yy", "zz") else 0.0
+    for k, unknown in enumerate(space.parameters):
+        match unknown:
+            case Mass(body):
+                point[k] = masses_kg[LINKS.index(body)]
+            case CentreOfMass(body, axis):
+                point[k] = true.model.body(body).ipos["xyz".index(axis)]
+            case Inertia(entry=entry):
+                point[k] = 0.5 * np.log(INERTIA_GAIN) if entry in ("xx", "yy", "zz") else 0.0
             case _:
                 point[k] = PAYLOAD_KG
     return point
@@ -134,11 +135,12 @@ def test_an_inertia_that_is_asked_for_has_no_other_unknown_in_it() -> None:
     walk, _ = _log(NOMINAL, 0.2)
     space = parameter_space(NOMINAL, ["torso", "l_calf"], ["inertia/torso"])
     unknown = nuisances(NOMINAL, walk, space, PRESETS["white"], IdentifyOptions())
-    assert [parameter.target for parameter in unknown if parameter.kind is Kind.INERTIA_SCALE] == ["l_calf"]
+    assert [parameter.target for parameter in unknown if isinstance(parameter, InertiaScale)] == ["l_calf"]
 
 
 def test_the_saved_model_has_what_was_found(tmp_path: Path) -> None:
-    space = parameter_space(NOMINAL, ["torso"], ["com/torso", "inertia/torso", "inertia/l_calf", f"payload/{PAYLOAD}"])
+    wanted = ["com/torso", "inertia/torso", "inertia/l_calf", f"payload/{PAYLOAD}"]
+    space = parameter_space(NOMINAL, ["torso"], wanted)
     point = space.nominal + 0.2 * space.scale * np.random.default_rng(0).uniform(-1.0, 1.0, len(space))
     point[-1] = PAYLOAD_KG
     NOMINAL.write_mjcf(space, point, tmp_path / "saved.xml")
@@ -156,6 +158,12 @@ def test_the_saved_model_has_what_was_found(tmp_path: Path) -> None:
         (["payload/torso@0,1"], BadInputError, r"Payload 'torso@0,1': expected BODY or BODY@X,Y,Z"),
         (["payload/torso@0,1,nan"], BadInputError, "expected BODY or BODY@X,Y,Z"),
         (["com/torso", "com/torso"], BadInputError, "named more than once: com/torso/x"),
+        (["com/torso", "com/torso/y"], BadInputError, "named more than once: com/torso/y"),
+        (["damping/l_nee"], ModelError, r"no joint named 'l_nee'\. Did you mean"),
+        (["wrench_gain/l_foot/6"], BadInputError, r"a contact sensor has axes 0-2 \(force\) and 3-5"),
+        (["effort_lag/all"], BadInputError, "lag of the torques cannot be asked for by name"),
+        (["colour/torso"], BadInputError, "Unknown 'colour/torso': expected KIND/TARGET, with a kind out of mass, com"),
+        (["torso"], BadInputError, "Unknown 'torso': expected KIND/TARGET"),
     ],
 )
 def test_what_cannot_be_asked_for_is_named(unknowns: list[str], error: type[Exception], message: str) -> None:

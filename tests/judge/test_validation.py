@@ -11,9 +11,10 @@ from massid.identify import IdentifyOptions
 from massid.identify.prepare import prepare_logs
 from massid.judge.residuals import channel_residuals
 from massid.judge.validation import hold_out, validate
+from massid.model.unknowns.sensors import WrenchOffset
+from massid.model.unknowns.unknown import nuisance
 from massid.result import Result
 from massid.result.result import Uncertainty
-from massid.search.parameters import Kind, Parameter
 from massid.walk import Segment
 from massid.walk.noise import PRESETS, Sensors
 from tests.conftest import Pushed
@@ -88,7 +89,7 @@ def test_a_force_offset_seen_in_the_air_upsets_neither_weight_nor_torques(pushed
     wrench = pushed.walk.wrench.copy()
     wrench[:, 0, 2] += offset_n
     walk = replace(pushed.walk, wrench=wrench)
-    seen = Parameter.nuisance(Kind.WRENCH_OFFSET, f"{walk.contact_bodies[0]}/2", 0.1, nominal=offset_n)
+    seen = WrenchOffset(walk.contact_bodies[0], 2, **nuisance(0.1, offset_n))
     uncertainty = Uncertainty(
         PRESETS["realistic"], np.eye(7), 1.0, 1.0, 0.1, (seen,), np.array([offset_n]), np.array([0.1])
     )

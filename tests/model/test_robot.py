@@ -11,7 +11,7 @@ from massid.assets import shipped_models
 from massid.errors import LogError, ModelError
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space, parameter_space
-from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, make_robot
 
@@ -45,9 +45,7 @@ def test_saved_model_has_the_masses_and_inertias_really_changed(source: str, tmp
 
 def test_an_inertia_scales_by_one_factor_and_leaves_mass_and_frame() -> None:
     robot = make_robot()
-    space = ParameterSpace(
-        (*mass_space(robot, ["l_thigh"]).parameters, Parameter.nuisance(Kind.INERTIA_SCALE, "l_thigh", 0.1))
-    )
+    space = parameter_space(robot, ["l_thigh"], ["inertia_scale/l_thigh"])
     both = space.nominal * [2.0, 0.0] + [0.0, np.log(1.3)]
     thick = robot.model_at(space, both)
     np.testing.assert_allclose(thick.body("l_thigh").inertia, 2.6 * robot.model.body("l_thigh").inertia)

@@ -6,7 +6,7 @@ import pytest
 
 from massid.model.realisation import Realisation, write_fields
 from massid.model.robot import Robot
-from massid.model.unknowns.spaces import mass_space
+from massid.model.unknowns.spaces import mass_space, parameter_space
 from massid.observer.bank import RobotBank
 from massid.observer.injection import InertiaShapedInjection, InjectionGains
 from massid.observer.kernels import correct_state, state_difference
@@ -136,10 +136,7 @@ def test_effort_offset_acts_on_the_torque_input(pushed: Pushed) -> None:
     """A torque sensor that reads 2 N m too much is explained by an offset of 2 N m."""
     from dataclasses import replace
 
-    from massid.search.parameters import Kind, Parameter, ParameterSpace
-
-    offset = Parameter(Kind.EFFORT_OFFSET, "l_knee", 0.0, -10.0, 10.0, scale=1.0)
-    space = ParameterSpace((*pushed.space.parameters, offset))
+    space = parameter_space(pushed.robot, LINKS, ["effort_offset/l_knee"])
     effort = pushed.walk.effort.copy()
     effort[:, pushed.walk.joint_names.index("l_knee")] += 2.0
     walk = replace(pushed.walk, effort=effort)

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
-from itertools import pairwise, repeat
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from massid.model.motion import Motion
+from massid.model.unknowns.bodies import Mass
+from massid.model.unknowns.lags import EffortLag
+from massid.model.unknowns.sensors import EffortGain, EffortOffset, EncoderOffset, WrenchGain, WrenchOffset
 from massid.model.unknowns.spaces import mass_space
-from massid.observer.inputs import BelievedBlock, InputBelief, Motion
+from massid.model.unknowns.unknown import Unknown, nuisance
+from massid.observer.inputs import BelievedBlock, InputBelief
 from massid.observer.replay import ReplayBlock, replay_block
 from massid.observer.spans import Spans
-from massid.search.parameters import ALL, Kind, Parameter, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
 from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, Sensors
@@ -60,7 +65,7 @@ def test_inputs_that_are_stamped_late_are_read_later(lag_s: float, walk: Walk) -
     """On a straight line, which linear interpolation keeps, wherever the walk is cut."""
     ramp = np.arange(len(walk)) * TIMESTEP_S
     straight = replace(walk, effort=100.0 * ramp[:, None] + np.zeros(8), wrench=walk.wrench)
-    space = ParameterSpace((*mass_space(ROBOT, LINKS).parameters, Parameter.nuisance(Kind.EFFORT_LAG, ALL, 1e-3)))
+    space = ParameterSpace((*mass_space(ROBOT, LINKS).parameters, EffortLag(**nuisance(1e-3))))
     belief = _belief()
     belief.place(ROBOT.realise(space, np.append(space.nominal[:-1], lag_s), FEET))
     blocks = _believe(straight, [100, 150, 171, 300], belief)
@@ -72,9 +77,7 @@ def test_inputs_that_are_stamped_late_are_read_later(lag_s: float, walk: Walk) -
 
 
 def _columns(block: BelievedBlock) -> dict[str, FloatArray]:
-    own = {
-        name: getattr(block, name) for name in ("wrench", "loaded", "friction", "friction_loss", "friction_variance")
-    }
+    own = {name: getattr(block, name) for name in ("wrench", "friction", "friction_loss", "friction_variance")}
     return own | {f"motion.{entry.name}": getattr(block.motion, entry.name) for entry in fields(Motion)}
 
 
@@ -94,7 +97,7 @@ def test_borders_of_blocks_leave_no_trace(n_steps: int, walk: Walk) -> None:
     last = 299 if n_steps == 1 else 799
     whole, parts = _believe(walk, [0, last]), _believe(walk, [*range(0, last, n_steps), last])
     expected, found = _joined(whole), _joined(parts)
-    assert 0.0 < expected["loaded"].mean() < 1.0
+    assert 0.0 < expected["motion.loaded"].mean() < 1.0
     assert 0.0 < np.mean(expected["friction_variance"] > 0.0) < 1.0
     for name, rows in expected.items():
         # What noise does to friction is computed for every tenth sample of a block.
@@ -165,19 +168,15 @@ def test_known_errors_of_the_sensors_leave_no_trace_in_the_motion(walk: Walk) ->
         effort=sensors.effort_gain * walk.effort + sensors.effort_offset,
         wrench=gain * walk.wrench + offset,
     )
-    errors = [
-        *zip(repeat(Kind.EFFORT_OFFSET), ROBOT.joint_names, sensors.effort_offset, strict=False),
-        *zip(repeat(Kind.EFFORT_GAIN), ROBOT.joint_names, sensors.effort_gain - 1.0, strict=False),
-        *zip(repeat(Kind.ENCODER_OFFSET), ROBOT.joint_names, sensors.joint_position_offset, strict=False),
+    unknowns: list[Unknown] = [
+        kind(name, **nuisance(1.0)) for kind in (EffortOffset, EffortGain, EncoderOffset) for name in ROBOT.joint_names
     ]
-    for contact, body in enumerate(FEET):
-        for axis in range(6):
-            errors.append((Kind.WRENCH_OFFSET, f"{body}/{axis}", offset[contact, axis]))
-            errors.append((Kind.WRENCH_GAIN, f"{body}/{axis}", gain[contact, axis] - 1.0))
-    space = ParameterSpace(
-        (Parameter.mass("torso", 20.0), *(Parameter.nuisance(kind, name, 1.0) for kind, name, _ in errors))
-    )
-    point = np.array([[20.0, *(value for *_, value in errors)]])
+    values = [*sensors.effort_offset, *(sensors.effort_gain - 1.0), *sensors.joint_position_offset]
+    for kind, errors in ((WrenchOffset, offset), (WrenchGain, gain - 1.0)):
+        unknowns += [kind(body, axis, **nuisance(1.0)) for body in FEET for axis in range(6)]
+        values += errors.ravel().tolist()
+    space = ParameterSpace((Mass.of("torso", 20.0), *unknowns))
+    point = np.array([[20.0, *values]])
     belief = _belief(friction=False)
     belief.place(ROBOT.realise(space, point, FEET))
     found, expected = (_believe(one, [0, 799], each)[0] for one, each in ((read, belief), (walk, _belief(False))))
@@ -190,10 +189,10 @@ def test_known_errors_of_the_sensors_leave_no_trace_in_the_motion(walk: Walk) ->
 def test_the_wrench_of_an_unloaded_foot_is_zero_and_nothing_else_is_touched(walk: Walk) -> None:
     block = _believe(walk, [0, 799])[0]
     inside = slice(190, 290)
-    for rows in (block.loaded, block.wrench, block.motion.wrench):
+    for rows in (block.motion.loaded, block.wrench, block.motion.wrench):
         assert not rows[inside, :6].any()
-    assert block.loaded[:, 6:].all()
-    loaded = block.loaded > 0.0
+    assert block.motion.loaded[:, 6:].all()
+    loaded = block.motion.loaded > 0.0
     np.testing.assert_array_equal(block.wrench[loaded], walk.wrench[:-1].reshape(799, 12)[loaded])
 
 

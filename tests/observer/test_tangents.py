@@ -2,85 +2,77 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import mujoco
 import numpy as np
 import pytest
 
+from massid.errors import BadInputError
 from massid.model.realisation import write_fields
 from massid.model.robot import Robot
+from massid.model.unknowns.bodies import Inertia, InertiaScale, Mass
+from massid.model.unknowns.joints import FrictionLoss
+from massid.model.unknowns.lags import Lag
+from massid.model.unknowns.sensors import EffortOffset, WrenchOffset
 from massid.model.unknowns.spaces import parameter_space
+from massid.model.unknowns.unknown import Unknown, nuisance
 from massid.observer.bank import RobotBank
 from massid.observer.inputs import BelievedBlock, InputBelief
 from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
 from massid.observer.replay import replay_block
 from massid.observer.tangents import TangentFilter
-from massid.search.parameters import ALL, Kind, Parameter, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
 from massid.walk import Segment
 from massid.walk.noise import PRESETS
 from tests.conftest import Pushed
+from tests.pushed_robot import make_robot
+from tests.unknown_examples import examples
 
-CASES = [
-    (Kind.MASS, "l_calf", 1e-3),
-    (Kind.MASS, "torso", 1e-3),
-    (Kind.COM, "torso/x", 1e-5),
-    (Kind.INERTIA_SCALE, "torso", 1e-3),
-    (Kind.INERTIA_SCALE, "l_calf", 1e-3),
-    (Kind.PAYLOAD, "l_calf@0.1,0,-0.2", 1e-3),
-    (Kind.EFFORT_OFFSET, "r_knee", 1e-3),
-    (Kind.EFFORT_GAIN, "l_hip_pitch", 1e-4),
-    (Kind.WRENCH_OFFSET, "l_foot/2", 1e-2),
-    (Kind.WRENCH_OFFSET, "r_foot/4", 1e-3),
-    (Kind.WRENCH_GAIN, "r_foot/2", 1e-4),
-    (Kind.ENCODER_OFFSET, "l_knee", 1e-5),
-    (Kind.FRICTION, "r_hip_pitch", 1e-3),
-    (Kind.DAMPING, "l_knee", 1e-4),
-]
+EXACT = (EffortOffset, WrenchOffset, FrictionLoss)
+"""Unknowns whose effect does not depend on how the robot moves."""
 
 
-@pytest.mark.parametrize(("kind", "target", "step"), CASES)
-def test_a_tangent_is_the_derivative_that_a_pair_of_models_shows(
-    kind: Kind, target: str, step: float, pushed: Pushed
-) -> None:
-    nominal = 0.0
-    if kind is Kind.MASS:
-        nominal = pushed.robot.nominal_mass_kg(target)
-    elif kind is Kind.COM:
-        nominal = float(pushed.robot.model.body("torso").ipos[0])
-    elif kind is Kind.DAMPING:
-        nominal = float(pushed.robot.model.joint(target).damping[0])
-    sampled = Parameter(kind, target, nominal, nominal - 1.0, nominal + 1.0, scale=1.0)
-    pair = np.array([[nominal], [nominal - step], [nominal + step]])
-    errors = _errors(pushed, ParameterSpace((sampled,)), pair)
-    expected = (errors.values[2] - errors.values[1]) / (2.0 * step)
-
-    other = Parameter.mass("r_thigh", 4.0)
-    tangent = Parameter.nuisance(kind, target, 1.0, nominal)
-    space = ParameterSpace((other, tangent))
-    column = _errors(pushed, space, np.array([[4.0, nominal]])).tangents[1]
+@pytest.mark.parametrize("unknown", examples(make_robot()), ids=lambda unknown: unknown.name)
+def test_a_tangent_is_the_derivative_that_models_show(unknown: Unknown, pushed: Pushed) -> None:
+    other, nominal, step = Mass.of("r_thigh", 4.0), unknown.nominal, 1e-3 * unknown.scale
+    tangent = replace(unknown, requested=False, tangent=True)
+    column = _errors(pushed, ParameterSpace((other, tangent)), np.array([[4.0, nominal]])).tangents[1]
+    if isinstance(unknown, Lag):  # all models of a bank have the same
+        space, step = ParameterSpace((other, unknown)), 0.2 * unknown.scale
+        before, after = (_errors(pushed, space, np.array([[4.0, sign * step]])).values[0] for sign in (-1, 1))
+    else:
+        pair = np.array([[nominal], [nominal - step], [nominal + step]])
+        _, before, after = _errors(pushed, ParameterSpace((unknown,)), pair).values
+    expected = (after - before) / (2.0 * step)
     scale = np.abs(expected).max()
     assert scale > 0.0
-    if kind is Kind.INERTIA_SCALE:  # shows in angular accelerations alone, of which an average keeps least
-        assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.3)
-    elif sampled.is_inertial or kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN, Kind.ENCODER_OFFSET, Kind.DAMPING):
-        # Made of the motion around a sample, so as to share no noise with it: an instrument, not the derivative itself.
-        assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.1)
-    else:
+    if isinstance(unknown, EXACT):
         # The linearisation is held over five samples and taken at the measured state.
         np.testing.assert_allclose(column, expected, atol=0.03 * scale)
+        return
+    # Made of the motion around a sample, so as to share no noise with it: an instrument, not the derivative itself.
+    # What shows in angular accelerations alone keeps least of itself in an average, slopes of readings keep most.
+    tolerance = 0.3 if isinstance(unknown, Inertia | InertiaScale) else 0.02 if isinstance(unknown, Lag) else 0.1
+    assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=tolerance)
+    if isinstance(unknown, Lag):
+        assert np.sum(column * expected) == pytest.approx(np.sum(expected * expected), rel=tolerance)
 
 
-@pytest.mark.parametrize("kind", [Kind.EFFORT_LAG, Kind.WRENCH_LAG])
-def test_a_lags_tangent_is_the_derivative_that_later_readings_show(kind: Kind, pushed: Pushed) -> None:
-    """An instrument, too: slopes of the samples around against those between a sample and the next."""
-    space, step = ParameterSpace((Parameter.mass("r_thigh", 4.0), Parameter.nuisance(kind, ALL, 1e-3))), 1e-4
-    before, after = (_errors(pushed, space, np.array([[4.0, sign * step]])).values[0] for sign in (-1, 1))
-    expected = (after - before) / (2.0 * step)
-    column = _errors(pushed, space, np.array([[4.0, 0.0]])).tangents[1]
-    assert np.abs(column).max() > 0.0
-    assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=0.02)
-    assert np.sum(column * expected) == pytest.approx(np.sum(expected * expected), rel=0.02)
+def test_what_no_log_with_noise_can_tell_of_is_refused(pushed: Pushed) -> None:
+    @dataclass(frozen=True)
+    class Mystery(Unknown):
+        kind = "mystery"
+        title = "mysteries"
+
+        def write(self, draft, values):  # type: ignore[no-untyped-def]
+            draft.field("dof_armature")[:] += values[:, None]
+
+    mystery = Mystery(**nuisance(0.1))
+    with pytest.raises(BadInputError, match=r"mystery/all: what it does to a motion is not known.*needs an `effect`"):
+        _errors(pushed, ParameterSpace((*pushed.space.parameters, mystery)), pushed.truth[None])
 
 
 def test_sampled_and_tangent_parameters_meet_in_one_quadratic(pushed: Pushed) -> None:
@@ -93,40 +85,37 @@ def test_sampled_and_tangent_parameters_meet_in_one_quadratic(pushed: Pushed) ->
         scores.update(_errors(pushed, space, points))
         return scores.result(Proposal(points, (Role.CENTRE, *[Role.SAMPLE] * (len(points) - 1)))).local_quadratic()
 
-    torso, calf = Parameter.mass("torso", 20.0), Parameter.mass("l_calf", 2.5)
+    torso, calf = Mass.of("torso", 20.0), Mass.of("l_calf", 2.5)
     centre = np.array([20.0, 2.5])
     offsets = np.array([[0.0, 0.0], [0.02, 0.0], [-0.02, 0.0], [0.0, 0.01], [0.0, -0.01]])
     both = quadratic(ParameterSpace((torso, calf)), centre + offsets)
-    one = quadratic(ParameterSpace((torso, Parameter.nuisance(Kind.MASS, "l_calf", 1.0, 2.5))), centre + offsets[:3])
+    one = quadratic(ParameterSpace((torso, Mass("l_calf", **nuisance(1.0, 2.5)))), centre + offsets[:3])
     np.testing.assert_allclose(one.curvature, both.curvature, rtol=0.02)
     np.testing.assert_allclose(one.gradient, both.gradient, rtol=0.02, atol=0.02 * np.abs(both.gradient).max())
 
 
-@pytest.mark.parametrize("column", range(13))
-def test_inertial_forces_are_derivatives_of_the_inverse_dynamics(column: int, pushed: Pushed) -> None:
+def test_inertial_forces_are_derivatives_of_the_inverse_dynamics(pushed: Pushed) -> None:
+    """Of several unknowns of one body at a time, away from the model file's values."""
     robot, contacts = pushed.robot, pushed.walk.contact_bodies
-    space = parameter_space(robot, ["torso"], ["com/l_thigh", "inertia/torso", "payload/torso@0.1,0.2,0.3"])
-    scales = [Parameter.nuisance(Kind.INERTIA_SCALE, link, 0.1) for link in ("r_thigh", "l_thigh")]
-    space = ParameterSpace((*space.parameters, *scales))
+    wanted = ["com/l_thigh", "inertia/torso", "payload/torso@0.1,0.2,0.3", "inertia_scale/r_thigh"]
+    space = parameter_space(robot, ["torso"], [*wanted, "inertia_scale/l_thigh"])
     point = space.nominal + 0.1 * space.scale
     lineariser = Lineariser(robot.identification_model(contacts), robot.layout)
-    lineariser.place(robot.realise(space, point[None]))
+    lineariser.place(robot.realise(space, point))
     belief = InputBelief(lineariser.model, robot.layout, PRESETS["white"])
     block = belief.believe(replay_block(pushed.walk, robot.layout, Segment(500, 551)))
-    body = np.array([robot.model.body(space.parameters[column].body).id])
-    found = lineariser.inertial_forces(block, 25, body, np.array([column]))[:, 0]
-
-    step = 1e-4 * space.scale[column] * np.eye(len(space))[column]
-    before, after = (_inverse(robot, space, point + sign * step, block) for sign in (-1, 1))
-    np.testing.assert_allclose(
-        found, (after - before) / (2.0 * step[column]), rtol=1e-6, atol=1e-6 * np.abs(found).max()
-    )
+    assert sorted(lineariser.changing) == list(range(len(space)))
+    for column, found in zip(lineariser.changing, lineariser.inertial_forces(block.motion, 25).T, strict=True):
+        step = 1e-4 * space.scale[column] * np.eye(len(space))[column]
+        before, after = (_inverse(robot, space, point + sign * step, block) for sign in (-1, 1))
+        expected = (after - before) / (2.0 * step[column])
+        np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(found).max())
 
 
 def _inverse(robot: Robot, space: ParameterSpace, point: FloatArray, block: BelievedBlock) -> FloatArray:
     """Generalised forces that the estimated motion takes at sample 25, without constraints."""
     model = robot.identification_model(())
-    write_fields(model, robot.realise(space, point[None]))
+    write_fields(model, robot.realise(space, point))
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = block.qpos[25], block.motion.velocity[25]
@@ -146,7 +135,7 @@ def _errors(pushed: Pushed, space: ParameterSpace, points: FloatArray):  # type:
         pushed.robot.layout,
         noise,
         inputs,
-        TangentFilter(pushed.robot, space.parameters, contacts, lineariser),
+        TangentFilter(pushed.robot, space, contacts, lineariser),
     )
     bank = RobotBank(pushed.robot, space, contacts, len(points), injection)
     bank.place(points)

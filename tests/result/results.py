@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from massid.model.unknowns.bodies import Mass
 from massid.result import Result, Status, Uncertainty, WindowResult
 from massid.result.excitation import Excitation
 from massid.result.quantities import Quantity
-from massid.search.parameters import Parameter, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Role
 from massid.walk.noise import SensorNoise
 from tests.result.samples import HIDDEN
@@ -18,7 +19,7 @@ STD = np.array([0.1, 1.0])  # kg
 
 def small_result(noisy: bool = True, hidden: bool = True) -> Result:
     """What an identification of `torso` and `HIDDEN` could have found."""
-    space = ParameterSpace((Parameter.mass("torso", 4.0), Parameter.mass(HIDDEN, 2.0)))
+    space = ParameterSpace((Mass.of("torso", 4.0), Mass.of(HIDDEN, 2.0)))
     window = WindowResult(
         index=0,
         time_s=0.5,

@@ -177,9 +177,9 @@ def test_a_document_that_lacks_something_is_refused(changes: dict[str, object], 
         (("reference", "estimate_kg"), {HIDDEN: 2.0}, "no entry /reference/estimate_kg/torso"),
         (("verdict", "sums", 0, "links", 1), 3, "/verdict/sums/0/links/1 is 3; expected a text"),
         (
-            ("uncertainty", "nuisances", "wrench_offset/sole/2", "unit"),
+            ("uncertainty", "nuisances", "wrench_offset/sole/2@2", "unit"),
             1,
-            "/wrench_offset/sole/2/unit is 1; expected",
+            "/wrench_offset/sole/2@2/unit is 1; expected",
         ),
     ],
 )

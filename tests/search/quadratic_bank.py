@@ -9,7 +9,7 @@ import numpy as np
 from massid.search.bank import OutputErrors
 from massid.search.guided import GuidedSearch, Iteration
 from massid.search.monitoring import Monitoring, MonitoringFilter
-from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.search.parameters import Parameter, ParameterSpace
 from massid.search.proposal import Proposal
 from massid.typing import FloatArray
 
@@ -17,7 +17,8 @@ TIMESTEP_S = 0.01
 
 
 def make_space(n_p: int = 3, bound: float = 10.0) -> ParameterSpace:
-    return ParameterSpace(tuple(Parameter(Kind.MASS, f"p{i}", 0.0, -bound, bound, scale=1.0) for i in range(n_p)))
+    own = [Parameter(f"p{i}", nominal=0.0, lower=-bound, upper=bound, scale=1.0) for i in range(n_p)]
+    return ParameterSpace(tuple(own))
 
 
 @dataclass

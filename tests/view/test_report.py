@@ -37,7 +37,7 @@ def test_the_page_is_whole_and_hides_what_was_not_found(tmp_path: Path) -> None:
     assert "calf&lt;b&gt;" in page
     assert "2.300" not in page  # what the search ended with for a hidden link
     assert "9.876" not in page  # what least squares say of it
-    for text in ("knee +0.1 ±0.78 N m", "sole force z +3 ±0.12 N", "read off the log", "bank-size"):
+    for text in ("knee +0.1 ±0.78 N m", "sole force z (log 2) +3 ±0.12 N", "read off the log", "bank-size"):
         assert text in page, text
     assert '<td>force offsets</td><td class="n">1</td><td class="n">1</td>' in page
     for text in ("4.400", "4.200 – 4.600", "not identifiable", "a sensor drifts", "what would help: walk", "±98%"):

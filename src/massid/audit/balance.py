@@ -7,6 +7,7 @@ of the log or of the model, such as a torque that is not what acted, a contact t
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -14,8 +15,10 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
+from massid.model.inverse import DiscreteInverseDynamics, Steps, applied, recorded_steps
+from massid.model.kinematics import body_rotations
 from massid.model.robot import Robot
-from massid.typing import AnyArray, FloatArray, IntArray
+from massid.typing import FloatArray, IntArray
 from massid.walk import Segment, Walk
 
 SMOOTHING_S = 0.02
@@ -101,7 +104,7 @@ class Balance:
 
     def force_of(self, wrench: FloatArray) -> FloatArray:
         """Generalised forces of wrenches in their bodies' frames, shapes (K, n_c, 6) and (K, nv)."""
-        return np.asarray(np.einsum("kci,kciv->kv", wrench, self.jacobian))
+        return applied(self.jacobian, wrench)
 
 
 def pick_stretches(walk: Walk, margin: int, steps: int) -> list[Segment]:
@@ -135,34 +138,26 @@ def measure_balance(robot: Robot, walk: Walk, margin: int = 0, steps: int = 1500
         return None
     rows = np.concatenate([np.arange(s.start, s.stop) for s in stretches])
     edges = np.cumsum([0, *(len(s) for s in stretches)]).tolist()
-    model = robot.identification_model(walk.contact_bodies)
-    model.opt.timestep = walk.timestep_s
-    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
-    if int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4):
-        model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    qpos, qvel = robot.layout.to_qpos(walk.qpos), robot.layout.to_qvel(walk.qvel)
-    required = np.empty((len(rows), model.nv))
-    jacobian = np.empty((len(rows), len(walk.contact_bodies), 6, model.nv))
-    rotation = np.empty((len(rows), len(walk.contact_bodies), 3, 3))
-    bodies = [model.body(name).id for name in walk.contact_bodies]
-    data = mujoco.MjData(model)
-    full = np.empty((6, model.nv))
-    for k, row in enumerate(rows):
-        _set(data, qpos, qvel, row, walk.timestep_s)
-        mujoco.mj_inverse(model, data)
-        required[k] = data.qfrc_inverse
-        for c, body in enumerate(bodies):
-            mujoco.mj_jacBody(model, data, full[:3], full[3:], body)
-            to_body = data.xmat[body].reshape(3, 3).T
-            rotation[k, c] = to_body.T
-            jacobian[k, c, :3], jacobian[k, c, 3:] = to_body @ full[:3], to_body @ full[3:]
+    taken = recorded_steps(walk, robot.layout, rows)
+    dynamics = DiscreteInverseDynamics.of(robot, walk.contact_bodies, walk.timestep_s)
+    required = dynamics.forces(*taken)
     links = tuple(link for link in robot.links if robot.welded_to(link) is None)
-    per_link = _per_link(model, links, qpos, qvel, rows, walk.timestep_s)
+    per_link = _per_link(robot, links, taken, walk.timestep_s)
     size = np.sqrt((required**2).mean(axis=0))
     weight = 1.0 / np.maximum(size, 1e-3 * size.max())
     smoothing = max(3, min(round(SMOOTHING_S / walk.timestep_s), min(len(s) for s in stretches) // 2))
     segments = tuple(Segment(a, b) for a, b in pairwise(edges))
-    return Balance(rows, segments, required, per_link, links, jacobian, rotation, weight, smoothing)
+    return Balance(
+        rows=rows,
+        stretches=segments,
+        required=required,
+        per_link=per_link,
+        links=links,
+        jacobian=dynamics.jacobian(taken[0]),
+        rotation=body_rotations(robot.model, taken[0], walk.contact_bodies),
+        weight=weight,
+        smoothing=smoothing,
+    )
 
 
 def fitted_model(robot: Robot, walk: Walk, balance: Balance) -> mujoco.MjModel:
@@ -170,45 +165,28 @@ def fitted_model(robot: Robot, walk: Walk, balance: Balance) -> mujoco.MjModel:
     relative = balance.fitted_masses(balance.effort(walk, robot) + balance.wrench(walk))
     model = robot.identification_model(walk.contact_bodies)
     model.opt.timestep = walk.timestep_s
-    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
     for link, error in zip(balance.links, relative, strict=True):
-        body = model.body(link).id
-        factor = max(LEAST_MASS, 1.0 + float(error))
-        model.body_mass[body] *= factor
-        model.body_inertia[body] *= factor
+        _scale_link(model, link, max(LEAST_MASS, 1.0 + float(error)))
     mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
 
-def _per_link(
-    model: mujoco.MjModel, links: tuple[str, ...], qpos: FloatArray, qvel: FloatArray, rows: IntArray, step_s: float
-) -> FloatArray:
+def _per_link(robot: Robot, links: tuple[str, ...], steps: Steps, step_s: float) -> FloatArray:
     """Change of the required force when a link's mass doubles: rigid-body terms only, in which it is linear."""
-    plain = _copy(model)
-    plain.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-    plain.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
-    models = [plain]
-    for link in links:
-        heavier = _copy(plain)
-        body = heavier.body(link).id
-        heavier.body_mass[body] *= 2.0
-        heavier.body_inertia[body] *= 2.0
+    rigid = robot.identification_model(())
+    rigid.opt.timestep = step_s
+    rigid.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+    nominal = DiscreteInverseDynamics(rigid).forces(*steps)
+    out = np.empty((*nominal.shape, len(links)))
+    for column, link in enumerate(links):
+        heavier = copy.copy(rigid)
+        _scale_link(heavier, link, 2.0)
         mujoco.mj_setConst(heavier, mujoco.MjData(heavier))
-        models.append(heavier)
-    out = np.empty((len(rows), model.nv, len(models)))
-    for column, changed in enumerate(models):
-        data = mujoco.MjData(changed)
-        for k, row in enumerate(rows):
-            _set(data, qpos, qvel, row, step_s)
-            mujoco.mj_inverse(changed, data)
-            out[k, :, column] = data.qfrc_inverse
-    return np.asarray(out[:, :, 1:] - out[:, :, :1])
+        out[:, :, column] = DiscreteInverseDynamics(heavier).forces(*steps) - nominal
+    return out
 
 
-def _set(data: mujoco.MjData, qpos: FloatArray, qvel: FloatArray, row: int, step_s: float) -> None:
-    data.qpos[:], data.qvel[:] = qpos[row], qvel[row]
-    data.qacc[:] = (qvel[row + 1] - qvel[row]) / step_s
-
-
-def _copy(model: AnyArray | mujoco.MjModel) -> mujoco.MjModel:
-    return model.__copy__()
+def _scale_link(model: mujoco.MjModel, link: str, factor: float) -> None:
+    body = model.body(link).id
+    model.body_mass[body] *= factor
+    model.body_inertia[body] *= factor

@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 
 from massid.audit.balance import fitted_model, measure_balance
+from massid.model.inverse import DiscreteInverseDynamics, applied, recorded_steps, takes_stages
 from massid.model.robot import Robot
 from massid.typing import FloatArray
 from massid.walk import Walk
@@ -40,7 +41,7 @@ def with_inner_steps(robot: Robot, coarse: Walk, fine: Walk) -> Walk | None:
         None if positions are noisy, for their noise would be divided by the time step, if the model's integrator moves
         otherwise, or if the walk is too short.
     """
-    if int(robot.model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4):
+    if takes_stages(robot.model):
         return None
     balance = measure_balance(robot, fine)
     if balance is None or max(white_level(coarse.qpos[:, :3]), white_level(coarse.qpos[:, 7:])) > 0.0:
@@ -72,16 +73,11 @@ def with_inner_steps(robot: Robot, coarse: Walk, fine: Walk) -> Walk | None:
 
 def _unsupplied(robot: Robot, walk: Walk, model: mujoco.MjModel) -> FloatArray:
     """Generalised force that each step took beyond what the log says acted, shape (n, nv)."""
-    layout, data = robot.layout, mujoco.MjData(model)
-    qpos, qvel = layout.to_qpos(walk.qpos), layout.to_qvel(walk.qvel)
-    out = np.zeros_like(qvel)
-    for segment in walk.segments:
-        for k in range(segment.start, segment.stop - 1):
-            data.qpos[:], data.qvel[:] = qpos[k], qvel[k]
-            data.qacc[:] = (qvel[k + 1] - qvel[k]) / walk.timestep_s
-            mujoco.mj_inverse(model, data)
-            data.ctrl[:] = walk.wrench[k].ravel()
-            mujoco.mj_fwdActuation(model, data)
-            out[k] = data.qfrc_inverse - data.qfrc_actuator
-            out[k, layout.joint_dof] -= walk.effort[k]
+    dynamics = DiscreteInverseDynamics(model, walk.contact_bodies)
+    rows = np.concatenate([np.arange(s.start, s.stop - 1) for s in walk.segments])
+    steps = recorded_steps(walk, robot.layout, rows)
+    missing = dynamics.forces(*steps) - applied(dynamics.jacobian(steps[0]), walk.wrench[rows])
+    missing[:, robot.layout.joint_dof] -= walk.effort[rows]
+    out = np.zeros((len(walk), model.nv))
+    out[rows] = missing
     return out

@@ -8,6 +8,7 @@ from typing import Annotated, TypeAlias
 import tyro
 
 from massid.errors import BadInputError
+from massid.model.unknowns.spaces import kinds
 from massid.outputs import NamedFile
 
 OptionalFile: TypeAlias = Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")]
@@ -16,6 +17,14 @@ OptionalTopics: TypeAlias = Annotated[str | None, tyro.conf.arg(metavar="FILE|PR
 OptionalLinks: TypeAlias = Annotated[str | None, tyro.conf.arg(metavar="A,B,C", help_behavior_hint="")]
 OptionalKg: TypeAlias = Annotated[float | None, tyro.conf.arg(metavar="KG", help_behavior_hint="")]
 MassErrorList: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="[LINK=+KG ...]", help_behavior_hint="")]
+UnknownList: TypeAlias = Annotated[
+    tuple[str, ...],
+    tyro.conf.arg(
+        metavar="[KIND/TARGET ...]",
+        help=f"What else is unknown, of any kind: {', '.join(kinds())}.",
+        help_behavior_hint="",
+    ),
+]
 PayloadList: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="[BODY@X,Y,Z ...]", help_behavior_hint="")]
 
 

@@ -16,6 +16,7 @@ from massid.cli.arguments import (
     OptionalModel,
     OptionalTopics,
     PayloadList,
+    UnknownList,
     parse_names,
     topics_file,
 )
@@ -66,6 +67,7 @@ class Identify:
     """Joints whose friction loss is unknown, too."""
     damping: OptionalLinks = None
     """Joints whose viscous damping is unknown, too."""
+    unknown: UnknownList = ()
     topics: OptionalTopics = None
     """Topic map: a YAML file, or a preset such as ros2 or unitree_g1; default what massid records."""
     mode: Literal["auto", "online", "offline"] = "auto"
@@ -148,7 +150,7 @@ class Identify:
             "friction": parse_names("--friction", self.friction),
             "damping": parse_names("--damping", self.damping),
         }
-        return [f"{kind}/{target}" for kind, targets in found.items() for target in targets]
+        return [*(f"{kind}/{target}" for kind, targets in found.items() for target in targets), *self.unknown]
 
     def _write(self, result: Result, scored: Score | None) -> None:
         """Write the files that were asked for, and say where they are; what is slow and optional comes last."""

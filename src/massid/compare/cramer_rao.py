@@ -1,9 +1,11 @@
 """The Cramer-Rao bound: how well any unbiased estimator could weigh the links from a log with this noise.
 
 Computed from the noise-free walk of the simulated plant at its true masses, by finite differences of the engine's step;
-there is no estimator in it. States are measured with white noise; joint torques and contact wrenches are inputs that
-are read with white noise and slow errors. The error of the state then follows a linear system driven by that noise,
-whose information about the masses is exact (`SensitivityRecursion`). A prior counts as one more measurement.
+there is no estimator in it. The linearisation shares nothing with the estimator's, on purpose: not even what unknowns
+say of their effects, so that an error there would show. States are measured with white noise; joint torques and contact
+wrenches are inputs that are read with white noise and slow errors. The error of the state then follows a linear system
+driven by that noise, whose information about the masses is exact (`SensitivityRecursion`). A prior counts as one more
+measurement.
 """
 
 from __future__ import annotations
@@ -16,9 +18,14 @@ import numpy as np
 
 from massid.compare.sensitivity import SensitivityRecursion
 from massid.errors import BadInputError
+from massid.model.inverse import with_single_stage
 from massid.model.realisation import write_fields
 from massid.model.robot import Robot
-from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.model.unknowns.bodies import BodyUnknown
+from massid.model.unknowns.lags import EffortLag, WrenchLag
+from massid.model.unknowns.sensors import EffortGain, EffortOffset, EncoderOffset, WrenchGain, WrenchOffset
+from massid.model.unknowns.unknown import unknowns_of
+from massid.search.parameters import ParameterSpace
 from massid.typing import BoolArray, FloatArray
 from massid.walk import Walk
 from massid.walk.noise import SensorNoise
@@ -32,7 +39,7 @@ BODY_STEP = 1e-4
 HOLD_STEPS = 5
 """Samples over which a linearisation is kept."""
 
-_ON_INPUTS = (Kind.EFFORT_OFFSET, Kind.EFFORT_GAIN, Kind.WRENCH_OFFSET, Kind.WRENCH_GAIN)
+_ON_INPUTS = (EffortOffset, EffortGain, WrenchOffset, WrenchGain)
 
 
 @dataclass(frozen=True)
@@ -62,7 +69,7 @@ class Bound:
     @property
     def problem(self) -> str:
         """The unknowns by number and kind, with the widths of their priors."""
-        counts = Counter((p.kind, p.requested, _width(p.prior_std, p.nominal)) for p in self.space.parameters)
+        counts = Counter((p.kind, p.requested, _width(p.prior_std, p.nominal)) for p in unknowns_of(self.space))
         return ", ".join(
             f"{count} {kind}{'' if asked else ' (other)'}{width}" for (kind, asked, width), count in counts.items()
         )
@@ -157,15 +164,16 @@ def _shown_in_the_air(space: ParameterSpace, walk: Walk, loaded: BoolArray, nois
     variance = noise.wrench_std() ** 2
     out = np.zeros(len(space))
     for column, parameter in enumerate(space.parameters):
-        if parameter.kind is Kind.WRENCH_OFFSET:
-            body, _, axis = parameter.target.rpartition("/")
-            unloaded = np.count_nonzero(~loaded[:, walk.contact_bodies.index(body)])
-            out[column] = unloaded / variance[int(axis)]
+        if isinstance(parameter, WrenchOffset):
+            unloaded = np.count_nonzero(~loaded[:, walk.contact_bodies.index(parameter.body)])
+            out[column] = unloaded / variance[parameter.axis]
     return out
 
 
 class _Plant:
     """The engine's step at the true masses, contacts off and wrenches applied in the feet's frames, linearised.
+
+    RK4, which the engine does not linearise, is taken as Euler.
 
     Attributes:
         transition: A, shape (2 nv, 2 nv).
@@ -174,23 +182,25 @@ class _Plant:
     def __init__(
         self, robot: Robot, space: ParameterSpace, truth: FloatArray, contact_bodies: tuple[str, ...], timestep_s: float
     ) -> None:
-        self._robot, self._space, self._bodies = robot, space, contact_bodies
-        self._inertial = [k for k, parameter in enumerate(space.parameters) if parameter.is_inertial]
-        self._body_steps = BODY_STEP * space.scale[self._inertial]
-        known = (Kind.ENCODER_OFFSET, Kind.EFFORT_LAG, Kind.WRENCH_LAG, *_ON_INPUTS)
-        unknown = [p.name for p in space.parameters if not p.is_inertial and p.kind not in known]
-        if unknown:
+        self._robot, self._space, self._channels = robot, space, robot.channels(contact_bodies)
+        known = (BodyUnknown, EncoderOffset, EffortLag, WrenchLag, *_ON_INPUTS)
+        strange = [parameter.name for parameter in space.parameters if not isinstance(parameter, known)]
+        if strange:
             raise BadInputError(
-                f"There is no bound for {', '.join(unknown)}: only for bodies and for slow errors of sensors."
+                f"There is no bound for {', '.join(strange)}: only for bodies and for slow errors of sensors."
             )
-        self._sensors = [k for k, parameter in enumerate(space.parameters) if parameter.kind in _ON_INPUTS]
-        self._sources = [self._source(space.parameters[k]) for k in self._sensors]
-        self._is_gain = [space.parameters[k].kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN) for k in self._sensors]
+        unknowns = unknowns_of(space)
+        self._inertial = [k for k, unknown in enumerate(unknowns) if isinstance(unknown, BodyUnknown)]
+        self._body_steps = BODY_STEP * space.scale[self._inertial]
+        on_inputs = {k: unknown for k, unknown in enumerate(unknowns) if isinstance(unknown, _ON_INPUTS)}
+        self._sensors = list(on_inputs)
+        self._sources = [self._source(unknown) for unknown in on_inputs.values()]
+        self._is_gain = [isinstance(unknown, EffortGain | WrenchGain) for unknown in on_inputs.values()]
         points = np.repeat(truth[None], 1 + len(self._inertial), axis=0)
         points[1 + np.arange(len(self._inertial)), self._inertial] += self._body_steps
         self._models = []
         for point in points:
-            model = robot.identification_model(contact_bodies)
+            model = with_single_stage(robot.identification_model(contact_bodies))
             model.opt.timestep = timestep_s
             write_fields(model, robot.realise(space, point, contact_bodies))
             self._models.append(model)
@@ -200,18 +210,18 @@ class _Plant:
         self._from_bodies = np.zeros((2 * nv, len(self._inertial)))
         self.transition: FloatArray = np.zeros((2 * nv, 2 * nv))
 
-    def _source(self, parameter: Parameter) -> int:
+    def _source(self, unknown: EffortOffset | EffortGain | WrenchOffset | WrenchGain) -> int:
         """Column of the input that a slow error belongs to."""
-        column = self._robot.sensor_column(parameter, self._bodies)
-        on_wrench = parameter.kind in (Kind.WRENCH_OFFSET, Kind.WRENCH_GAIN)
-        return len(self._robot.joint_names) + column if on_wrench else column
+        if isinstance(unknown, WrenchOffset | WrenchGain):
+            return len(self._robot.joint_names) + self._channels.axis(unknown.body, unknown.axis)
+        return self._channels.joint(unknown.joint)
 
     def from_output(self) -> FloatArray:
         """What the parameters add to the measured state, shape (2 nv, n_p)."""
         out = np.zeros((len(self.transition), len(self._space)))
         for column, parameter in enumerate(self._space.parameters):
-            if parameter.kind is Kind.ENCODER_OFFSET:
-                out[self._robot.layout.joint_dof[self._robot.sensor_column(parameter, self._bodies)], column] = 1.0
+            if isinstance(parameter, EncoderOffset):
+                out[self._channels.dof(parameter.joint), column] = 1.0
         return out
 
     def linearise(self, walk: Walk, k: int) -> None:
@@ -258,8 +268,8 @@ class _Plant:
         out[:, self._sensors] = -self._inputs[:, self._sources] * per_unit
         n_joints = walk.effort.shape[1]
         for column, parameter in enumerate(self._space.parameters):
-            if parameter.kind in (Kind.EFFORT_LAG, Kind.WRENCH_LAG):
-                late = slice(n_joints) if parameter.kind is Kind.EFFORT_LAG else slice(n_joints, None)
+            if isinstance(parameter, EffortLag | WrenchLag):
+                late = slice(n_joints) if isinstance(parameter, EffortLag) else slice(n_joints, None)
                 out[:, column] = self._inputs[:, late] @ (acts * rates)[late]
         return out
 

@@ -13,137 +13,114 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from massid.compare.motion import Motion
-from massid.errors import BadInputError
-from massid.model.realisation import write_fields
+from massid.model.draft import Draft
+from massid.model.inverse import DiscreteInverseDynamics
+from massid.model.motion import Motion
 from massid.model.robot import Robot
-from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.model.unknowns.bodies import Mass
+from massid.model.unknowns.unknown import Unknown, unknowns_of
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
 
 MASS_STEP = 0.1
 """Difference of masses, relative; the forces are linear in them but for the softness of friction."""
 SHAPE_STEP = 1e-5
-"""Difference of other numbers that change bodies, relative to their scales; the forces bend in most of them."""
-ANGLE_STEP = 1e-4
-"""Difference of joint positions [rad]."""
-_READINGS = (Kind.EFFORT_OFFSET, Kind.EFFORT_GAIN, Kind.WRENCH_OFFSET, Kind.WRENCH_GAIN)
+"""Difference of other numbers that change models, relative to their scales; the forces bend in most of them."""
+STATE_STEP = 1e-4
+"""Difference of measured states [rad, m, rad/s, m/s]."""
 
 
 class InverseDynamics:
     """Unexplained forces of one robot, and what the unknowns would change about them.
 
+    What changes the model is differenced, which is exact; errors of sensors go by what they say of their effects.
+
     Args:
         robot: with nominal masses.
-        space: masses and slow errors of sensors.
+        space: what is unknown of it and of its sensors.
         contact_bodies: in the order of the motion's wrenches.
         timestep_s: sample period [s]; accelerations are differences over it.
 
     Raises:
-        BadInputError: a parameter is of another kind.
+        BadInputError: a parameter is not an unknown of a robot.
         ModelError: a contact body is not in the model.
     """
 
     def __init__(self, robot: Robot, space: ParameterSpace, contact_bodies: Sequence[str], timestep_s: float) -> None:
         self._robot, self._space, self._contact_bodies = robot, space, tuple(contact_bodies)
-        unknown = [parameter.name for parameter in space.parameters if parameter.kind is Kind.COEFFICIENT]
-        if unknown:
-            raise BadInputError(f"Inverse dynamics has no {', '.join(unknown)}: only masses and sensors' slow errors.")
+        self._unknowns, self._channels = unknowns_of(space), robot.channels(contact_bodies)
+        self._in_model = np.array([self._changes_model(unknown) for unknown in self._unknowns])
         self._timestep_s = timestep_s
         self._model = self._model_at(space.nominal)
-        self._data = mujoco.MjData(self._model)
-        self._bodies = [self._model.body(name).id for name in contact_bodies]
 
     def residual(self, motion: Motion) -> FloatArray:
         """Force that nothing explains at nominal values, shape (n, nv)."""
         applied = self._jacobians(motion)
-        unexplained = self._forces(self._model, motion) - np.einsum("kvw,kw->kv", applied, motion.wrench)
-        unexplained[:, self._robot.layout.joint_dof] -= motion.effort
-        for parameter in self._space.parameters:
-            if parameter.nominal and parameter.kind in _READINGS:  # as of a force sensor that was seen in the air
-                unexplained += parameter.nominal * self._of_reading(parameter, motion, applied)
+        nominal = self._forces(self._model, motion)
+        unexplained = nominal - np.einsum("kvw,kw->kv", applied, motion.wrench) - motion.effort
+        for unknown, in_model in zip(self._unknowns, self._in_model, strict=True):
+            if unknown.nominal and not in_model:  # as of a force sensor that was seen in the air
+                unexplained += unknown.nominal * self._of_sensor(unknown, motion, nominal, applied)
         return np.asarray(unexplained)
 
     def residual_at(self, motion: Motion, point: FloatArray) -> FloatArray:
         """The same at other values: exactly for bodies and joints, to first order for sensors, shape (n, nv)."""
-        in_model = np.array([p.is_inertial or p.is_passive for p in self._space.parameters])
-        change = np.where(in_model, 0.0, point - self._space.nominal)
-        model = self._model_at(np.where(in_model, point, self._space.nominal))
+        change = np.where(self._in_model, 0.0, point - self._space.nominal)
+        model = self._model_at(np.where(self._in_model, point, self._space.nominal))
         bodies = self._forces(model, motion) - self._forces(self._model, motion)
         return np.asarray(self.residual(motion) + bodies + self.regressor(motion) @ change)
 
     def regressor(self, motion: Motion) -> FloatArray:
-        """Derivatives of the residual by the parameters, shape (n, nv, n_p)."""
+        """Derivatives of the residual by the unknowns, shape (n, nv, n_p)."""
         nominal = self._forces(self._model, motion)
         applied = self._jacobians(motion)
         out = np.empty((*nominal.shape, len(self._space)))
-        for column, parameter in enumerate(self._space.parameters):
-            if parameter.is_inertial or parameter.is_passive:
-                step = MASS_STEP * parameter.nominal if parameter.kind is Kind.MASS else SHAPE_STEP * parameter.scale
+        for column, unknown in enumerate(self._unknowns):
+            if self._in_model[column]:
+                step = MASS_STEP * unknown.nominal if isinstance(unknown, Mass) else SHAPE_STEP * unknown.scale
                 point = self._space.nominal.copy()
                 point[column] += step
                 out[:, :, column] = (self._forces(self._model_at(point), motion) - nominal) / step
-            elif parameter.kind is Kind.EFFORT_LAG:
-                out[:, :, column] = 0.0
-                out[:, self._robot.layout.joint_dof, column] = -motion.effort_rate  # what acts is what is read later
-            elif parameter.kind is Kind.WRENCH_LAG:
-                out[:, :, column] = -np.einsum("kvw,kw->kv", applied, motion.wrench_rate)
-            elif parameter.kind is Kind.ENCODER_OFFSET:
-                out[:, :, column] = self._of_encoder(parameter, motion, nominal, applied)
             else:
-                out[:, :, column] = self._of_reading(parameter, motion, applied)
+                out[:, :, column] = self._of_sensor(unknown, motion, nominal, applied)
         return out
 
-    def _of_reading(self, parameter: Parameter, motion: Motion, applied: FloatArray) -> FloatArray:
-        """Forces that a torque or wrench sensor shows too much, per unit of its offset or gain, shape (n, nv)."""
-        source = self._robot.sensor_column(parameter, self._contact_bodies)
-        if parameter.kind in (Kind.WRENCH_OFFSET, Kind.WRENCH_GAIN):
-            per_unit, readings = applied[:, :, source], motion.wrench[:, source]
-        else:
-            per_unit = np.zeros(motion.qvel.shape)
-            per_unit[:, self._robot.layout.joint_dof[source]] = 1.0
-            readings = motion.effort[:, source]
-        if parameter.kind in (Kind.EFFORT_GAIN, Kind.WRENCH_GAIN):
-            return np.asarray(per_unit * readings[:, None])
-        return np.asarray(per_unit)
+    def _changes_model(self, unknown: Unknown) -> bool:
+        """Whether it writes to the model alone and to no sensor."""
+        return Draft(self._channels, (unknown,), np.array([[unknown.nominal]])).sensors_written is None
 
-    def _of_encoder(self, parameter: Parameter, motion: Motion, nominal: FloatArray, applied: FloatArray) -> FloatArray:
-        """The true position is the reading less the offset, shape (n, nv)."""
-        qpos = motion.qpos.copy()
-        qpos[:, self._robot.layout.joint_qpos[self._robot.sensor_column(parameter, ())]] -= ANGLE_STEP
-        moved = replace(motion, qpos=qpos)
-        change = self._forces(self._model, moved) - nominal
-        change -= np.einsum("kvw,kw->kv", self._jacobians(moved) - applied, motion.wrench)
-        return np.asarray(change / ANGLE_STEP)
+    def _of_sensor(self, unknown: Unknown, motion: Motion, nominal: FloatArray, applied: FloatArray) -> FloatArray:
+        """Forces that a sensor leaves unexplained per unit of its error, shape (n, nv)."""
+        effect = unknown.effect(motion, self._channels)
+        out = np.zeros_like(nominal)
+        if effect.force is not None:
+            out -= effect.force
+        if effect.wrench is not None:
+            out -= np.einsum("kvw,kw->kv", applied, effect.wrench)
+        if effect.measured is not None:  # the true state is the reading less the error
+            moved = self._moved(motion, -STATE_STEP * effect.measured)
+            change = self._forces(self._model, moved) - nominal
+            change -= np.einsum("kvw,kw->kv", self._jacobians(moved) - applied, motion.wrench)
+            out += change / STATE_STEP
+        return out
 
-    def _model_at(self, point: FloatArray) -> mujoco.MjModel:
-        model = self._robot.identification_model(self._contact_bodies)
-        model.opt.timestep = self._timestep_s
-        model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
-        write_fields(model, self._robot.realise(self._space, point, self._contact_bodies))
-        return model
+    def _moved(self, motion: Motion, change: FloatArray) -> Motion:
+        """The motion with every state moved along a tangent vector, shape (2 nv,)."""
+        model, position = self._robot.model, motion.position.copy()
+        for row in position:
+            mujoco.mj_integratePos(model, row, change[: model.nv], 1.0)
+        return replace(motion, position=position, velocity=motion.velocity + change[model.nv :])
 
-    def _forces(self, model: mujoco.MjModel, motion: Motion) -> FloatArray:
+    def _model_at(self, point: FloatArray) -> DiscreteInverseDynamics:
+        realisation = self._robot.realise(self._space, point, self._contact_bodies)
+        return DiscreteInverseDynamics.of(self._robot, self._contact_bodies, self._timestep_s, realisation)
+
+    @staticmethod
+    def _forces(model: DiscreteInverseDynamics, motion: Motion) -> FloatArray:
         """Generalised forces that the motion takes, shape (n, nv)."""
-        data = self._data
-        out = np.empty(motion.qvel.shape)
-        for k in range(len(motion)):
-            data.qpos[:], data.qvel[:], data.qacc[:] = motion.qpos[k], motion.qvel[k], motion.qacc[k]
-            mujoco.mj_inverse(model, data)
-            out[k] = data.qfrc_inverse
-        return out
+        return model.forces(motion.position, motion.velocity, motion.acceleration)
 
     def _jacobians(self, motion: Motion) -> FloatArray:
         """Generalised force per unit of each wrench reading, shape (n, nv, 6 n_contacts)."""
-        model, data = self._model, self._data
-        out = np.empty((len(motion), model.nv, 6 * len(self._bodies)))
-        linear, angular = np.empty((3, model.nv)), np.empty((3, model.nv))
-        for k in range(len(motion)):
-            data.qpos[:] = motion.qpos[k]
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            for index, body in enumerate(self._bodies):
-                mujoco.mj_jacBody(model, data, linear, angular, body)
-                rotation = data.xmat[body].reshape(3, 3)
-                out[k, :, 6 * index : 6 * index + 3] = linear.T @ rotation
-                out[k, :, 6 * index + 3 : 6 * index + 6] = angular.T @ rotation
-        return out
+        jacobian = self._model.jacobian(motion.position)
+        return np.asarray(jacobian.reshape(len(motion), -1, jacobian.shape[-1]).transpose(0, 2, 1))

@@ -69,13 +69,14 @@ def fit_masses(walk: Walk, robot: Robot, space: ParameterSpace, cutoff_hz: float
     motion = smooth_motion(walk, robot.layout, cutoff_hz)
     known, regressor = dynamics.residual(motion), dynamics.regressor(motion)
     n_train = round((1.0 - HELD_OUT) * len(motion))
-    if n_train * known.shape[1] < len(space) or n_train == len(motion):
+    if n_train * known.shape[1] < len(space) or n_train > len(motion) - 2:  # one instant has no variance
         raise BadInputError(
             f"{walk.source}: {len(motion)} instants are too few for {len(space)} unknowns; choose a higher cut-off."
         )
     trained = _solve(known[:n_train], regressor[:n_train], space)
-    rest = _explain(known[n_train:], regressor[n_train:], trained.estimate - space.nominal)[:, robot.layout.joint_dof]
-    torque = motion.effort[n_train:] - motion.effort[n_train:].mean(axis=0)
+    joints = robot.layout.joint_dof
+    rest = _explain(known[n_train:], regressor[n_train:], trained.estimate - space.nominal)[:, joints]
+    torque = motion.effort[n_train:, joints] - motion.effort[n_train:, joints].mean(axis=0)
     solved = _solve(known, regressor, space)
     return Fit(cutoff_hz, solved.estimate, solved.std, float(np.sum(rest**2) / np.sum(torque**2)))
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import fields
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from massid.errors import BadInputError
 from massid.model.layout import JointLayout
+from massid.model.motion import Motion
 from massid.typing import FloatArray
 from massid.walk import Segment, Walk
 
@@ -20,34 +21,11 @@ SAMPLES_PER_PERIOD = 4.0
 """Samples that are kept per period of the cut-off: what lies closer together says the same."""
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Instants of a walk, in the model's order.
-
-    Attributes:
-        qpos: shape (n, nq).
-        qvel: shape (n, nv).
-        qacc: difference of velocities over the next sample period, shape (n, nv).
-        effort: shape (n, n_joints) [N m or N].
-        wrench: in the bodies' frames, shape (n, 6 n_contacts).
-        effort_rate: slope of the torques, shape (n, n_joints) [N m/s or N/s].
-        wrench_rate: slope of the wrenches, shape (n, 6 n_contacts).
-    """
-
-    qpos: FloatArray
-    qvel: FloatArray
-    qacc: FloatArray
-    effort: FloatArray
-    wrench: FloatArray
-    effort_rate: FloatArray
-    wrench_rate: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.qvel)
-
-
 def smooth_motion(walk: Walk, layout: JointLayout, cutoff_hz: float | None) -> Motion:
     """Low-pass all channels of a walk by the same zero-phase Butterworth filter, and thin them out.
+
+    Accelerations are differences of velocities over the next sample period. All feet are taken to be loaded, and of no
+    joint is it known whether it slides.
 
     Args:
         walk: with its joints in the model's order.
@@ -73,7 +51,7 @@ def smooth_motion(walk: Walk, layout: JointLayout, cutoff_hz: float | None) -> M
         raise BadInputError(
             f"{walk.source}: no segment is long enough for a cut-off of {cutoff_hz:g} Hz; choose a higher one."
         )
-    return Motion(*(np.concatenate([getattr(part, name) for part in parts]) for name in Motion.__dataclass_fields__))
+    return Motion(*(np.concatenate([getattr(part, entry.name) for part in parts]) for entry in fields(Motion)))
 
 
 def _smooth(walk: Walk, layout: JointLayout, segment: Segment, cutoff_hz: float | None, kept: slice) -> Motion:
@@ -87,8 +65,20 @@ def _smooth(walk: Walk, layout: JointLayout, segment: Segment, cutoff_hz: float 
     qpos[:, 3:7] /= np.linalg.norm(qpos[:, 3:7], axis=1, keepdims=True)
     qvel = layout.to_qvel(qvel)
     qacc = np.diff(qvel, axis=0) / walk.timestep_s
-    rates = [np.gradient(channel, walk.timestep_s, axis=0)[kept] for channel in (effort, wrench)]
-    return Motion(layout.to_qpos(qpos)[kept], qvel[kept], qacc[kept], effort[kept], wrench[kept], *rates)
+    by_dof = np.zeros_like(qvel)
+    by_dof[:, layout.joint_dof] = effort
+    effort_rate, wrench_rate = (np.gradient(channel, walk.timestep_s, axis=0)[kept] for channel in (by_dof, wrench))
+    return Motion(
+        position=layout.to_qpos(qpos)[kept],
+        velocity=qvel[kept],
+        acceleration=qacc[kept],
+        effort=by_dof[kept],
+        wrench=wrench[kept],
+        effort_rate=effort_rate,
+        wrench_rate=wrench_rate,
+        loaded=np.ones_like(wrench_rate),
+        sliding=np.zeros_like(effort_rate),
+    )
 
 
 def _one_hemisphere(qpos: FloatArray) -> FloatArray:

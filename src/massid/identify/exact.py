@@ -25,11 +25,11 @@ MARGIN = 10.0
 
 
 class ExactInference:
-    """Nothing but what was asked for is unknown, and the windows' Hessians tell what the log reveals of it."""
+    """Nothing but what is sampled is unknown, and the windows' Hessians tell what the log reveals of it."""
 
     def unknowns(self, asked: ParameterSpace, robot: Robot, walk: Walk, options: IdentifyOptions) -> ParameterSpace:
-        """The parameters asked for."""
-        return asked
+        """The parameters asked for, without nuisances that a user may have brought."""
+        return ParameterSpace(asked.parameters[: asked.n_sampled])
 
     def search_options(self, options: SearchOptions) -> SearchOptions:
         """As they are."""

@@ -14,6 +14,7 @@ from massid.identify.logs import hand_over
 from massid.identify.options import IdentifyOptions
 from massid.identify.sensing import with_nuisances
 from massid.model.robot import Robot
+from massid.model.unknowns.unknown import adds_mass, unknowns_of
 from massid.observer.sensors import NoisySensors
 from massid.result.excitation import from_deviations
 from massid.result.posterior import LARGEST_INFLATION, ScoreScatter, posterior
@@ -95,14 +96,14 @@ class LikelihoodInference:
     def _uncertainty(self, findings: Findings) -> Uncertainty:
         asked = findings.space.n_sampled
         found = posterior(findings.space, findings.information, findings.windows, findings.inflation)
-        masses = findings.space.adds_mass
+        masses = adds_mass(findings.space)
         return Uncertainty(
             noise=self._noise,
             covariance=found.covariance[:asked, :asked],
             inflation=found.inflation,
             chi2_per_sample=findings.last.value / findings.last.samples,
             total_std_kg=float(np.sqrt(masses @ found.covariance @ masses)),
-            nuisances=findings.space.tangents,
+            nuisances=unknowns_of(findings.space)[asked:],
             nuisance_estimate=findings.estimate[asked:],
             nuisance_std=found.std[asked:],
         )

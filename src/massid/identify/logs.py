@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from massid.model.unknowns.unknown import Unknown, unknowns_of
 from massid.observer.sensors import SensorModel
 from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
@@ -48,19 +49,18 @@ def join_spaces(logs: Sequence[PreparedLog]) -> JointSpace:
     """Put the unknowns of all logs side by side: masses once, sensors' errors once for each log."""
     if len(logs) == 1:
         return JointSpace(logs[0].space, (np.arange(len(logs[0].space)),))
-    parameters, columns = list(logs[0].space.parameters), []
-    parameters = [p for p in parameters if not p.per_walk]
-    shared = {p.name: k for k, p in enumerate(parameters)}
+    unknowns, columns = _lasting(logs[0].space), []
+    shared = {unknown.name: k for k, unknown in enumerate(unknowns)}
     for number, log in enumerate(logs, start=1):
         own = []
-        for parameter in log.space.parameters:
-            if parameter.per_walk:
-                own.append(len(parameters))
-                parameters.append(replace(parameter, target=f"{parameter.target}@{number}"))
+        for unknown in unknowns_of(log.space):
+            if unknown.per_walk:
+                own.append(len(unknowns))
+                unknowns.append(unknown.of_log(number))
             else:
-                own.append(shared[parameter.name])
+                own.append(shared[unknown.name])
         columns.append(np.array(own, dtype=np.int64))
-    return JointSpace(ParameterSpace(tuple(parameters)), tuple(columns))
+    return JointSpace(ParameterSpace(tuple(unknowns)), tuple(columns))
 
 
 def hand_over(belief: LocalQuadratic, before: ParameterSpace, space: ParameterSpace) -> LocalQuadratic:
@@ -74,22 +74,24 @@ def hand_over(belief: LocalQuadratic, before: ParameterSpace, space: ParameterSp
         before: that walk's unknowns.
         space: the next walk's unknowns.
     """
-    kept = np.array([k for k, p in enumerate(before.parameters) if not p.per_walk], dtype=np.int64)
-    fresh = np.array([p.per_walk for p in space.parameters])
+    fresh = np.array([unknown.per_walk for unknown in unknowns_of(space)])
     centre = start_from(belief.centre, before, space)
     prior = LocalQuadratic.belief(centre, np.where(fresh, space.prior_precision, 0.0))
-    return prior + belief.marginal(kept).embedded(centre, _columns_of(before, space))
+    return prior + belief.marginal(_columns_of(before, before)).embedded(centre, _columns_of(before, space))
 
 
 def start_from(point: FloatArray, before: ParameterSpace, space: ParameterSpace) -> FloatArray:
     """A point of one walk's unknowns as a point of the next one's, whose sensors have no error yet."""
-    kept = [k for k, p in enumerate(before.parameters) if not p.per_walk]
     moved = space.nominal.copy()
-    moved[_columns_of(before, space)] = point[kept]
+    moved[_columns_of(before, space)] = point[_columns_of(before, before)]
     return moved
+
+
+def _lasting(space: ParameterSpace) -> list[Unknown]:
+    """The unknowns that are not an error of a walk's sensors."""
+    return [unknown for unknown in unknowns_of(space) if not unknown.per_walk]
 
 
 def _columns_of(before: ParameterSpace, space: ParameterSpace) -> IntArray:
     """Where the unknowns that are not an error of a walk's sensors are in another space."""
-    names = [p.name for p in before.parameters if not p.per_walk]
-    return np.array([space.names.index(name) for name in names], dtype=np.int64)
+    return np.array([space.names.index(unknown.name) for unknown in _lasting(before)], dtype=np.int64)

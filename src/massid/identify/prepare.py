@@ -10,6 +10,7 @@ from massid.identify.logs import PreparedLog
 from massid.identify.options import IdentifyOptions
 from massid.identify.sensing import choose_sensors, clean_doubts
 from massid.model.robot import Robot
+from massid.model.unknowns.unknown import unknowns_of
 from massid.observer.sensors import ExactSensors, NoisySensors, SensorModel
 from massid.search.parameters import ParameterSpace
 from massid.walk import Walk
@@ -34,11 +35,17 @@ def prepare_logs(
         exact: for each walk, whether physics is known to explain it to rounding; default unknown.
 
     Raises:
-        BadInputError: no walk, or some with and some without sensor noise, whose scores cannot be added.
+        BadInputError: no walk; some with and some without sensor noise, whose scores cannot be added; or an error of a
+            sensor is asked for, which is another one in every walk, and there are several.
         LogError: a walk does not match the robot.
     """
     if not walks:
         raise BadInputError("No walk to identify from: give at least one.")
+    own_errors = [unknown.name for unknown in unknowns_of(asked) if unknown.per_walk and not unknown.tangent]
+    if own_errors and len(walks) > 1:
+        raise BadInputError(
+            f"{', '.join(own_errors)}: a sensor's error is another one in every walk; ask for it in one log at a time."
+        )
     logs = []
     for k, one in enumerate(walks):
         walk = robot.align(one)

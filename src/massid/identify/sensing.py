@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +9,23 @@ import numpy as np
 from massid.audit.balance import measure_balance
 from massid.audit.one_step import one_step_residual
 from massid.identify.options import IdentifyOptions
+from massid.model.draft import Draft
 from massid.model.robot import Robot
+from massid.model.unknowns.bodies import InertiaScale, Mass
+from massid.model.unknowns.lags import EffortLag, WrenchLag
+from massid.model.unknowns.sensors import (
+    FORCE_AXES,
+    WRENCH_AXES,
+    EffortGain,
+    EffortOffset,
+    EncoderOffset,
+    WrenchGain,
+    WrenchOffset,
+)
+from massid.model.unknowns.unknown import Unknown, nuisance, unknowns_of
 from massid.observer.contact_gate import is_unloaded
 from massid.observer.sensors import ExactSensors, NoisySensors, SensorModel
-from massid.search.parameters import ALL, Kind, Parameter, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, SensorNoise
 from massid.walk.resampling import rotation_between
@@ -105,44 +117,52 @@ def estimate_white_noise(walk: Walk) -> SensorNoise:
 
 def nuisances(
     robot: Robot, walk: Walk, space: ParameterSpace, noise: SensorNoise, options: IdentifyOptions
-) -> tuple[Parameter, ...]:
-    """What else is not known: slow errors of sensors, inertias of the links asked for, masses of those that are not."""
-    links = [parameter.target for parameter in space.parameters if parameter.kind is Kind.MASS]
-    axes = [f"{body}/{axis}" for body in walk.contact_bodies for axis in range(6)]
-    slow: list[tuple[Kind, Sequence[str], float]] = [
-        (Kind.EFFORT_OFFSET, robot.joint_names, noise.effort_offset),
-        (Kind.EFFORT_GAIN, robot.joint_names, noise.effort_gain),
-        (Kind.ENCODER_OFFSET, robot.joint_names, noise.joint_position_offset),
-        (Kind.WRENCH_GAIN, axes, noise.wrench_gain),
-        (Kind.EFFORT_LAG, (ALL,), options.lag_s),
-        (Kind.WRENCH_LAG, (ALL,), options.lag_s),
-    ]
-    found = [Parameter.nuisance(kind, name, std) for kind, names, std in slow if std > 0.0 for name in names]
+) -> tuple[Unknown, ...]:
+    """What else is not known: slow errors of sensors, inertias of the links asked for, masses of those that are not.
+
+    Nothing that is asked for is among them.
+    """
+    pair = np.vstack([space.nominal, space.nominal + space.scale])
+    asked = Draft(robot.channels(walk.contact_bodies), unknowns_of(space), pair).bodies
+    links = [name for name, body in asked.items() if body.mass[0] != body.mass[1]]  # whoever writes their mass
+    found: list[Unknown] = []
+    per_joint = (
+        (EffortOffset, noise.effort_offset),
+        (EffortGain, noise.effort_gain),
+        (EncoderOffset, noise.joint_position_offset),
+    )
+    for kind, std in per_joint:
+        if std > 0.0:
+            found += [kind(joint, **nuisance(std)) for joint in robot.joint_names]
+    if noise.wrench_gain > 0.0:
+        axes = [(body, axis) for body in walk.contact_bodies for axis in range(len(WRENCH_AXES))]
+        found += [WrenchGain(body, axis, **nuisance(noise.wrench_gain)) for body, axis in axes]
+    if options.lag_s > 0.0:
+        found += [EffortLag(**nuisance(options.lag_s)), WrenchLag(**nuisance(options.lag_s))]
     if noise.force_offset > 0.0:
         found += _force_offsets(walk, noise)
     if options.link_inertia > 0.0:
-        shaped = {parameter.body for parameter in space.parameters if parameter.kind is Kind.INERTIA}
-        scaled = [link for link in links if link not in shaped]
-        found += [Parameter.nuisance(Kind.INERTIA_SCALE, link, options.link_inertia) for link in scaled]
+        scaled = [link for link in links if asked[link].keeps_shape]
+        found += [InertiaScale(link, **nuisance(options.link_inertia)) for link in scaled]
     if options.other_links > 0.0:
         for link in robot.links:
             if link not in links:
                 mass_kg = robot.nominal_mass_kg(link)
-                found.append(Parameter.nuisance(Kind.MASS, link, options.other_links * mass_kg, mass_kg))
-    return tuple(found)
+                found.append(Mass(link, **nuisance(options.other_links * mass_kg, mass_kg)))
+    return tuple(unknown for unknown in found if unknown.name not in space.names)
 
 
-def _force_offsets(walk: Walk, noise: SensorNoise) -> list[Parameter]:
+def _force_offsets(walk: Walk, noise: SensorNoise) -> list[WrenchOffset]:
     """Offsets of the force sensors, with what their readings off the ground say about them."""
     unloaded = is_unloaded(walk.wrench.reshape(len(walk), -1), noise, walk.timestep_s)
     variance = max(noise.force, LEAST_SHARE * PRESETS["white"].force) ** 2  # a simulated sensor may read plain zero
     found = []
     for contact, body in enumerate(walk.contact_bodies):
-        readings = walk.wrench[unloaded[:, contact], contact, :3]
+        readings = walk.wrench[unloaded[:, contact], contact, :FORCE_AXES]
         precision = noise.force_offset**-2 + len(readings) / variance
         means = readings.sum(axis=0) / variance / precision
         for axis, mean in enumerate(means.tolist()):
-            found.append(Parameter.nuisance(Kind.WRENCH_OFFSET, f"{body}/{axis}", precision**-0.5, mean))
+            found.append(WrenchOffset(body, axis, **nuisance(precision**-0.5, mean)))
     return found
 
 

@@ -27,13 +27,16 @@ from massid.judge.advice import advise
 from massid.judge.motion import observe_motion
 from massid.judge.smoothing import balanced, smoothed
 from massid.model.robot import Robot
+from massid.model.unknowns.bodies import Mass
+from massid.model.unknowns.joints import FrictionLoss
+from massid.model.unknowns.unknown import adds_mass
 from massid.observer.blas import single_threaded
 from massid.observer.sensors import ExactSensors, NoisySensors
 from massid.result.combinations import known_sums, open_combinations
 from massid.result.excitation import LARGEST_DEVIATION
 from massid.result.quantities import whole_shapes
 from massid.result.verdict import KNOWN_SUM, VAGUE, Motion, MotionFacts, Verdict
-from massid.search.parameters import Kind, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray, IntArray
 from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, NoisePreset
@@ -71,7 +74,7 @@ def foresee(
     is_reference = isinstance(logs[0].sensors, ExactSensors)
     if is_reference:
         # What a clean log tells of friction, in joints that surely slide or stick, is judged after the fit.
-        asked = ParameterSpace(tuple(one for one in asked.parameters if one.kind is not Kind.FRICTION))
+        asked = ParameterSpace(tuple(one for one in asked.parameters if not isinstance(one, FrictionLoss)))
         sensors = NoisySensors(PRESETS[REFERENCE])
         logs = [prepare_log(log.walk, robot, asked, sensors, options) for log in logs]
     logs = tuple(replace(log, space=_all_tangent(log.space)) for log in logs)
@@ -89,7 +92,7 @@ def foresee(
     posterior = _Posterior(joint.space, information)
     everything = posterior.covariance()
     others = _hidden_others(asked, everything)
-    masses = np.array([k for k, one in enumerate(asked.parameters) if one.kind is Kind.MASS], dtype=np.int64)
+    masses = np.array([k for k, one in enumerate(asked.parameters) if isinstance(one, Mass)], dtype=np.int64)
     space = ParameterSpace(tuple(asked.parameters[k] for k in masses))
     covariance = everything[np.ix_(masses, masses)]
     links = [parameter.target for parameter in space.parameters]
@@ -130,7 +133,8 @@ def _hidden_others(space: ParameterSpace, covariance: FloatArray) -> tuple[str, 
     hidden = std >= LARGEST_DEVIATION * space.scale
     seen = whole_shapes(space, ~hidden)
     rows = zip(space.parameters, seen, strict=True)
-    return tuple(parameter.name for parameter, known in rows if not known and parameter.kind is not Kind.MASS)
+    others = [one for one, known in rows if one.requested and not (known or isinstance(one, Mass))]
+    return tuple(one.name for one in others)
 
 
 def _all_tangent(space: ParameterSpace) -> ParameterSpace:
@@ -196,7 +200,7 @@ class _Posterior:
 
     def total_std_kg(self, covariance: FloatArray) -> float:
         """Standard deviation of the sum of all masses [kg]."""
-        masses = self.space.adds_mass
+        masses = adds_mass(self.space)
         return float(np.sqrt(masses @ covariance @ masses))
 
     def longer(self, asked: IntArray, log_s: float) -> float | None:

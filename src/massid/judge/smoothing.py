@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 from scipy.ndimage import convolve1d
 
+from massid.model.inverse import DiscreteInverseDynamics, applied, recorded_steps
 from massid.model.robot import Robot
 from massid.typing import FloatArray, IntArray
 from massid.walk import Walk
@@ -62,31 +62,20 @@ def balanced(walk: Walk, robot: Robot, rows: IntArray) -> Walk:
         robot: with nominal masses.
         rows: samples at which this is done; the one after each must be in the walk.
     """
-    model = robot.identification_model(walk.contact_bodies)
-    model.opt.timestep = walk.timestep_s
-    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
-    if int(model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4):
-        model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    data, layout = mujoco.MjData(model), robot.layout
-    qpos, qvel = layout.to_qpos(walk.qpos), layout.to_qvel(walk.qvel)
-    bodies = [model.body(name).id for name in walk.contact_bodies]
-    base = np.arange(layout.root_dof, layout.root_dof + 6)
-    jacobian = np.zeros((len(bodies), 6, model.nv))
+    layout = robot.layout
+    dynamics = DiscreteInverseDynamics.of(robot, walk.contact_bodies, walk.timestep_s)
+    steps = recorded_steps(walk, layout, rows)
+    forces, jacobians = dynamics.forces(*steps), dynamics.jacobian(steps[0])
+    missing = (forces - applied(jacobians, walk.wrench[rows]))[:, layout.root_dof : layout.root_dof + 6]
+    on_base = jacobians[..., layout.root_dof : layout.root_dof + 6]
+    weight = robot.total_mass_kg * float(np.linalg.norm(robot.model.opt.gravity))
     effort, wrench = walk.effort.copy(), walk.wrench.copy()
-    for k in rows:
-        data.qpos[:], data.qvel[:] = qpos[k], qvel[k]
-        data.qacc[:] = (qvel[k + 1] - qvel[k]) / walk.timestep_s
-        mujoco.mj_inverse(model, data)
-        for c, body in enumerate(bodies):
-            mujoco.mj_jacBody(model, data, jacobian[c, :3], jacobian[c, 3:], body)
-            to_body = data.xmat[body].reshape(3, 3).T
-            jacobian[c, :3], jacobian[c, 3:] = to_body @ jacobian[c, :3], to_body @ jacobian[c, 3:]
-        missing = data.qfrc_inverse - np.einsum("ci,civ->v", wrench[k], jacobian)
-        load = np.linalg.norm(wrench[k, :, :3], axis=1)
-        if load.sum() > _LOADED * robot.total_mass_kg * float(np.linalg.norm(model.opt.gravity)):
-            carried = jacobian[:, :, base].reshape(-1, 6).T * np.repeat(load / load.sum(), 6)
-            change = carried.T @ np.linalg.solve(carried @ carried.T, missing[base])
-            wrench[k] += (change * np.repeat(load / load.sum(), 6)).reshape(-1, 6)
-        required = data.qfrc_inverse - np.einsum("ci,civ->v", wrench[k], jacobian)
-        effort[k] = required[layout.joint_dof]
+    for k, row in enumerate(rows):
+        load = np.linalg.norm(wrench[row, :, :3], axis=1)
+        if load.sum() > _LOADED * weight:
+            share = np.repeat(load / load.sum(), 6)
+            carried = on_base[k].reshape(-1, 6).T * share
+            change = carried.T @ np.linalg.solve(carried @ carried.T, missing[k])
+            wrench[row] += (change * share).reshape(-1, 6)
+    effort[rows] = (forces - applied(jacobians, wrench[rows]))[:, layout.joint_dof]
     return replace(walk, effort=effort, wrench=wrench)

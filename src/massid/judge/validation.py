@@ -18,9 +18,11 @@ from massid.compare.motion import smooth_motion
 from massid.judge.motion import is_carried
 from massid.model.kinematics import body_rotations
 from massid.model.robot import Robot
+from massid.model.unknowns.sensors import WrenchOffset
+from massid.model.unknowns.unknown import adds_mass
 from massid.result.checks import CUTOFF_HZ, TorquePrediction, Validation, WeightCheck
 from massid.result.result import Result
-from massid.search.parameters import Kind, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray, IntArray
 from massid.walk import Segment, Walk
 from massid.walk.noise import SensorNoise
@@ -92,10 +94,10 @@ def predict_torques(result: Result, walk: Walk, robot: Robot) -> TorquePredictio
     clock = replace(walk, effort=np.repeat(walk.time_s[:, None], walk.effort.shape[1], axis=1))
     return TorquePrediction(
         joints=robot.joint_names,
-        time_s=smooth_motion(clock, robot.layout, CUTOFF_HZ).effort[:, 0],
-        measured=motion.effort,
-        nominal=motion.effort + before[:, dof],
-        identified=motion.effort + after[:, dof],
+        time_s=smooth_motion(clock, robot.layout, CUTOFF_HZ).effort[:, dof[0]],
+        measured=motion.effort[:, dof],
+        nominal=(motion.effort + before)[:, dof],
+        identified=(motion.effort + after)[:, dof],
     )
 
 
@@ -104,7 +106,7 @@ def check_total(result: Result, walk: Walk, robot: Robot) -> WeightCheck | None:
     if not is_carried(robot, walk):
         return None
     space, point = result.unknowns()
-    found_kg = robot.total_mass_kg + float(space.adds_mass @ (point - space.nominal))
+    found_kg = robot.total_mass_kg + float(adds_mass(space) @ (point - space.nominal))
     noise = SensorNoise() if result.uncertainty is None else result.uncertainty.noise
     found_std_kg = 0.0 if result.uncertainty is None else result.uncertainty.total_std_kg
     offset, offset_std = _force_offsets(space, walk, noise)
@@ -120,10 +122,9 @@ def _force_offsets(space: ParameterSpace, walk: Walk, noise: SensorNoise) -> tup
     A foot in the air shows its sensor's offset; what the fit found besides would not be a check of the fit.
     """
     offset = np.zeros((len(walk.contact_bodies), 6))
-    known = [parameter for parameter in space.parameters if parameter.kind is Kind.WRENCH_OFFSET]
+    known = [parameter for parameter in space.parameters if isinstance(parameter, WrenchOffset)]
     for parameter in known:
-        body, _, axis = parameter.target.rpartition("/")
-        offset[walk.contact_bodies.index(body), int(axis)] = parameter.nominal
+        offset[walk.contact_bodies.index(parameter.body), parameter.axis] = parameter.nominal
     widths = [parameter.prior_std or 0.0 for parameter in known]
     return offset, float(np.sqrt(np.mean(np.square(widths)))) if widths else noise.force_offset
 

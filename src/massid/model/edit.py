@@ -1,4 +1,4 @@
-"""Changes to a robot's spec that turn it into the model of Eq. (22), or hold some of its joints still."""
+"""Changes to a robot's spec: into the model of Eq. (22), with some joints held still, or with other bodies."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from massid.errors import ModelError
-from massid.typing import IntArray
+from massid.typing import FloatArray, IntArray
 
 SOLVER_ITERATIONS = 100
 SOLVER_TOLERANCE = 1e-14
@@ -68,11 +68,16 @@ def make_plain_motor(motor: Any) -> None:
 
 
 def set_options(option: Any) -> None:
-    """Contacts off, the robot's own actuators off, and a constraint solver that adds no error of its own."""
+    """Contacts off, the robot's own actuators off, and a constraint solver that adds no error of its own.
+
+    Flags that check the engine (fwdinv, which stops RK4 with an error), or that another solver or contacts need, go.
+    """
     disable, enable = mujoco.mjtDisableBit, mujoco.mjtEnableBit
     option.disableflags |= int(disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET)
     option.disableflags &= ~int(disable.mjDSBL_ACTUATION)
-    option.enableflags &= ~int(enable.mjENBL_SLEEP)
+    option.enableflags &= ~int(
+        enable.mjENBL_SLEEP | enable.mjENBL_FWDINV | enable.mjENBL_INVDISCRETE | enable.mjENBL_IPC
+    )
     option.disableactuator = 0
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     option.iterations, option.tolerance = SOLVER_ITERATIONS, SOLVER_TOLERANCE
@@ -142,3 +147,33 @@ def keep_actuator_dynamics(spec: mujoco.MjSpec) -> None:
         ratio = float(actuator.gear[0]) ** 2
         joint.armature += ratio * np.ravel(actuator.armature)[0]
         joint.damping = np.asarray(joint.damping) + ratio * np.asarray(actuator.damping)
+
+
+def write_bodies(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: Sequence[int], fields: Mapping[str, FloatArray]
+) -> None:
+    """Write bodies as they are in the first row of model fields, whether their inertia was given or came from geoms.
+
+    Args:
+        spec: changed: its compiler takes the bodies' inertia as it is given now.
+        model: as compiled from it before.
+        bodies: numbers of those that can differ from the model.
+        fields: MjModel field name -> values, shape (N, *field shape).
+    """
+    compiler = spec.compiler
+    rescaled = compiler.settotalmass > 0 or compiler.boundmass > 0 or compiler.boundinertia > 0
+    if rescaled or compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+        bodies = range(1, model.nbody)
+        compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+        compiler.settotalmass, compiler.boundmass, compiler.boundinertia = -1.0, 0.0, 0.0
+    ipos = fields.get("body_ipos", model.body_ipos[None])
+    iquat = fields.get("body_iquat", model.body_iquat[None])
+    for number in bodies:
+        name = model.body(number).name
+        body = spec.body(name) if name else spec.bodies[number]
+        body.explicitinertial = True
+        body.mass = float(fields["body_mass"][0, number])
+        body.ipos = ipos[0, number]
+        body.iquat = iquat[0, number]
+        body.inertia = fields["body_inertia"][0, number]
+        body.fullinertia = np.full(6, np.nan)

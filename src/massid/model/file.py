@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -13,21 +14,21 @@ import numpy as np
 from massid.errors import ModelError
 from massid.typing import FloatArray
 
-MASS_ROUNDING = 2e-5
+ROUNDING = 2e-5
 """MJCF text keeps six digits; a mass that comes from geoms is made of several such numbers."""
 
 
-def save_model(spec: mujoco.MjSpec, path: Path, body_mass: FloatArray, remark: str = "") -> None:
+def save_model(spec: mujoco.MjSpec, path: Path, expected: Mapping[str, FloatArray], remark: str = "") -> None:
     """Write a spec as an MJCF file that loads from where it lies, and check that it does.
 
     Args:
         spec: changed: its asset folders become those of the new file.
         path: where to write; replaced if it exists, left alone if the check fails.
-        body_mass: masses that the bodies must have when the file is read back [kg], shape (nbody,).
+        expected: fields of MjModel that the file must give when it is read back, masses among them.
         remark: a comment at the top; "" for none.
 
     Raises:
-        ModelError: the file cannot be written, cannot be read back, or has other masses.
+        ModelError: the file cannot be written, cannot be read back, or gives other values.
     """
     folder = path.resolve().parent
     draft = folder / f".{path.name}.partial"
@@ -39,9 +40,9 @@ def save_model(spec: mujoco.MjSpec, path: Path, body_mass: FloatArray, remark: s
             if not asset.exists():
                 asset.parent.mkdir(parents=True, exist_ok=True)
                 asset.write_bytes(content if isinstance(content, bytes) else str(content).encode())
-        found = mujoco.MjModel.from_xml_path(str(draft)).body_mass
-        if found.shape != body_mass.shape or not np.allclose(found, body_mass, rtol=MASS_ROUNDING, atol=1e-12):
-            raise ModelError(f"Cannot write {path}: MuJoCo's text form of this model has other masses than the model.")
+        found = mujoco.MjModel.from_xml_path(str(draft))
+        for name, values in expected.items():
+            _check_field(path, name, getattr(found, name), values)
         draft.replace(path)
     except OSError as error:
         raise ModelError(f"Cannot write {path}: {error.strerror}.") from error
@@ -49,6 +50,17 @@ def save_model(spec: mujoco.MjSpec, path: Path, body_mass: FloatArray, remark: s
         raise ModelError(f"Cannot write {path}: the saved model does not load: {one_line(error)}") from error
     finally:
         draft.unlink(missing_ok=True)
+
+
+def _check_field(path: Path, name: str, found: FloatArray, expected: FloatArray) -> None:
+    if found.shape == expected.shape and np.allclose(found, expected, rtol=ROUNDING, atol=1e-12):
+        return
+    if name == "body_mass":
+        raise ModelError(f"Cannot write {path}: MuJoCo's text form of this model has other masses than the model.")
+    raise ModelError(
+        f"Cannot write {path}: MuJoCo's text form of this model has another {name} than what was found; an unknown "
+        "that writes it must write it into specs, too (`write_spec`)."
+    )
 
 
 def _text(spec: mujoco.MjSpec, folder: Path) -> str:

@@ -12,14 +12,14 @@ import mujoco
 import numpy as np
 
 from massid.errors import LogError, ModelError, unknown_name
-from massid.model.edit import identification_spec, no_single_base, without_joints
+from massid.model.draft import Draft, realise
+from massid.model.edit import identification_spec, no_single_base, without_joints, write_bodies
 from massid.model.file import one_line, save_model
 from massid.model.kinematics import wrenches_in_bodies
-from massid.model.layout import JointLayout
-from massid.model.realisation import Realisation, SensorErrors, write_fields, write_spec
-from massid.model.unknowns.bodies import body_fields, inertia_slopes, unknown_bodies
-from massid.model.unknowns.joints import joint_fields
-from massid.search.parameters import ALL, Kind, Parameter, ParameterSpace
+from massid.model.layout import Channels, JointLayout
+from massid.model.realisation import Realisation, write_fields
+from massid.model.unknowns.unknown import Unknown, unknowns_of
+from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
 from massid.walk import Walk
 
@@ -150,39 +150,25 @@ class Robot:
     def realise(self, space: ParameterSpace, points: FloatArray, contact_bodies: Sequence[str] = ()) -> Realisation:
         """Translate parameter vectors into model fields and sensor errors.
 
-        A mass scales the rotational inertia of its link with it and leaves the centre of mass, as for a link whose
-        density is uncertain. Inertia is that about the centre of mass, wherever it is; payloads come on top.
-
         Args:
             space: what each coordinate means.
             points: shape (N, n_p).
             contact_bodies: bodies whose wrench is measured, in the order of the identification model's controls.
-        """
-        points = np.atleast_2d(points)
-        bodies = unknown_bodies(self.model, space)
-        sensors: SensorErrors | None = None
-        for parameter, values in zip(space.parameters, points.T, strict=True):
-            if parameter.is_inertial or parameter.is_passive:
-                continue
-            sensors = sensors or SensorErrors.none(len(points), len(self.joint_names), len(contact_bodies))
-            errors: FloatArray = getattr(sensors, parameter.kind.value)
-            errors[:, self.sensor_column(parameter, contact_bodies)] = values
-        fields = {**body_fields(self.model, bodies, points), **joint_fields(self.model, space, points)}
-        return Realisation(fields, sensors, inertia_slopes(bodies, space, points[0]))
 
-    def sensor_column(self, parameter: Parameter, contact_bodies: Sequence[str]) -> int:
-        """Column of a sensor error: the joint's number, six times the contact body's plus the axis, or the only one."""
-        if parameter.target == ALL:
-            return 0
-        if parameter.kind in (Kind.WRENCH_OFFSET, Kind.WRENCH_GAIN):
-            body, _, axis = parameter.target.rpartition("/")
-            return 6 * list(contact_bodies).index(body) + int(axis)
-        return self.joint_names.index(parameter.target)
+        Raises:
+            BadInputError: a coordinate is not an unknown of a robot, or belongs to a sensor that is not there.
+        """
+        return realise(self.channels(contact_bodies), unknowns_of(space), np.atleast_2d(points))
+
+    def channels(self, contact_bodies: Sequence[str] = ()) -> Channels:
+        """Where its joints, and the sensors on some bodies, stand among the columns of a motion."""
+        return Channels(self.model, self.layout, self.joint_names, tuple(contact_bodies))
 
     def model_at(self, space: ParameterSpace, point: FloatArray) -> mujoco.MjModel:
         """Compile a copy of the full model (actuators, contacts) with the parameters of one point in it."""
         model = self.spec.copy().compile()
-        write_fields(model, self.realise(space, point))
+        unknowns, values = _without_sensors(space, point)
+        write_fields(model, realise(self.channels(), unknowns, values[None]))
         return model
 
     def identification_model(self, contact_bodies: Sequence[str]) -> mujoco.MjModel:
@@ -258,7 +244,7 @@ class Robot:
         return replace(walk, wrench=wrench, world_wrenches=())
 
     def write_mjcf(self, space: ParameterSpace, point: FloatArray, path: Path, remark: str = "") -> None:
-        """Save the model with the parameters of one point in its masses and inertias.
+        """Save the model with the parameters of one point in it; errors of sensors are no part of it.
 
         Works whether inertia was given or came from geoms. Include files become part of the new file; meshes and
         textures stay where they are, and the new file says where that is. It is read back before it gets its name.
@@ -273,6 +259,18 @@ class Robot:
             ModelError: the file cannot be written, or does not give the same robot.
         """
         spec = self.spec.copy()
-        fields = self.realise(space, point).model_fields
-        write_spec(spec, self.model, space, fields)
-        save_model(spec, path, fields["body_mass"][0], remark)
+        unknowns, values = _without_sensors(space, point)
+        draft = Draft(self.channels(), unknowns, values[None])
+        fields = draft.model_fields()
+        write_bodies(spec, self.model, [body.number for body in draft.bodies.values()], fields)
+        for unknown, value in zip(unknowns, values.tolist(), strict=True):
+            unknown.write_spec(spec, value)
+        checked = ("body_mass", *draft.fields_written)  # principal axes may come back in another order
+        save_model(spec, path, {name: fields[name][0] for name in checked}, remark)
+
+
+def _without_sensors(space: ParameterSpace, point: FloatArray) -> tuple[list[Unknown], FloatArray]:
+    """Those unknowns that are not errors of a sensor, and their values."""
+    unknowns = unknowns_of(space)
+    kept = [k for k, unknown in enumerate(unknowns) if not unknown.per_walk]
+    return [unknowns[k] for k in kept], np.asarray(point)[kept]

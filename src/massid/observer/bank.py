@@ -85,7 +85,7 @@ class RobotBank(Bank[ReplayBlock]):
         self._injection.place(realisation)
         self._sensors = realisation.sensors
         losses = realisation.friction_loss
-        self._more_friction = None if losses is None else (losses - losses[0])[:, self.robot.layout.joint_dof]
+        self._more_friction = None if losses is None else losses - losses[0]
 
     def restart(self, block: ReplayBlock, *, follows: bool = False) -> None:
         """Set every model to the first measured state of the block.
@@ -95,9 +95,11 @@ class RobotBank(Bank[ReplayBlock]):
             follows: whether it follows the block before without a gap; what was measured there then still tells of the
                 inputs of this one.
         """
-        self._engine.restart(block.qpos[0], block.qvel[0])
-        if self._sensors is not None:
-            self._engine.qpos[:, self.robot.layout.joint_qpos] -= self._sensors.encoder_offset
+        engine, layout = self._engine, self.robot.layout
+        engine.restart(block.qpos[0], block.qvel[0])
+        if self._sensors is not None and self._sensors.state_offset.any():
+            addresses = (layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof)
+            correct_state(engine.qpos, engine.qvel, -self._sensors.state_offset, *addresses)
         self._injection.restart(follows=follows)
         self._innovation[:] = 0.0
 
@@ -187,12 +189,12 @@ class RobotBank(Bank[ReplayBlock]):
             yield part, self.advance(block)
 
     def _compare(self, qpos: FloatArray, qvel: FloatArray) -> None:
-        """Write every model's innovation: what is measured, less what its encoders read too much, minus its state."""
+        """Write every model's innovation: what is measured, less what its sensors read too much, minus its state."""
         engine, layout = self._engine, self.robot.layout
         addresses = (layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof)
         state_difference(engine.qpos, engine.qvel, qpos, qvel, *addresses, self._innovation)
         if self._sensors is not None:
-            self._innovation[:, layout.joint_dof] -= self._sensors.encoder_offset
+            self._innovation -= self._sensors.state_offset
 
     def _apply_inputs(self, inputs: ReplayBlock, k: int) -> None:
         """Give the models the inputs of a step, with the sensors' errors taken out."""
@@ -206,5 +208,5 @@ class RobotBank(Bank[ReplayBlock]):
             engine.force[:] += inputs.friction[k]
             engine.set_friction_loss(inputs.friction_loss[k])
             if self._more_friction is not None:  # than the first model has, whose friction the belief tells
-                engine.force[:, dof] += self._more_friction * inputs.sliding[k]
-            engine.wrench[:] *= inputs.loaded[k]
+                engine.force[:] += self._more_friction * inputs.motion.sliding[k]
+            engine.wrench[:] *= inputs.motion.loaded[k]

@@ -16,9 +16,11 @@ import mujoco
 import numpy as np
 
 from massid.model.layout import JointLayout
+from massid.model.motion import Motion
 from massid.model.realisation import Realisation, SensorErrors
 from massid.observer.contact_gate import is_unloaded
 from massid.observer.friction import Friction, StickSlip
+from massid.observer.kernels import correct_state
 from massid.observer.neighbours import level, slope
 from massid.observer.replay import ReplayBlock
 from massid.observer.spans import REACH_S, Spans
@@ -29,47 +31,20 @@ UNLIMITED = 1e9
 """Friction loss of a joint that sticks, whatever that takes [N m or N]."""
 
 
-@dataclass(frozen=True)
-class Motion:
-    """Averages around the samples of a block, with the errors of the sensors taken out that are known so far.
-
-    Attributes:
-        position: of each sample itself, shape (n, nq) [rad or m].
-        velocity: shape (n, nv) [rad/s or m/s].
-        acceleration: slope of the measured velocities, shape (n, nv) [rad/s^2 or m/s^2].
-        effort: joint torques as generalised forces, zero at the base, shape (n, nv) [N m or N].
-        wrench: zero where it is known to be, shape (n, 6 n_contacts) [N, N m].
-        effort_rate: slope of the torques, shape (n, nv) [N m/s or N/s].
-        wrench_rate: slope of the wrenches, zero where they are known to be, shape (n, 6 n_contacts) [N/s, N m/s].
-    """
-
-    position: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    effort: FloatArray
-    wrench: FloatArray
-    effort_rate: FloatArray
-    wrench_rate: FloatArray
-
-
 @dataclass(frozen=True, kw_only=True)
 class BelievedBlock(ReplayBlock):
     """A block with what is believed of its inputs.
 
     Attributes:
-        loaded: 0 where a wrench is known to be zero, else 1, shape (n, 6 n_contacts).
         friction: friction torques that act besides, zero at the base, shape (n, nv) [N m or N].
         friction_loss: that the engine is to have: without limit where a joint sticks, else 0, shape (n, nv) [N m or N].
         friction_variance: of white noise that stands for unknown friction, shape (n, n_joints) [N^2 m^2].
-        sliding: derivative of friction torques by friction losses, zero where it is not known, shape (n, n_joints).
-        motion: what the columns of the Jacobian are made of.
+        motion: what the columns of the Jacobian are made of: averages around the samples, but for the positions.
     """
 
-    loaded: FloatArray
     friction: FloatArray
     friction_loss: FloatArray
     friction_variance: FloatArray
-    sliding: FloatArray
     motion: Motion
 
     def generalised_force(self, k: int) -> FloatArray:
@@ -102,7 +77,7 @@ class InputBelief:
         self._noise = noise
         self._timestep_s = float(model.opt.timestep) if timestep_s is None else timestep_s
         self._spans = Spans.at(self._timestep_s, reach_s)
-        self._joint_qpos, self._joint_dof = layout.joint_qpos, layout.joint_dof
+        self._n_v, self._layout, self._joint_dof = model.nv, layout, layout.joint_dof
         self._sensors: SensorErrors | None = None
         rubs = unknown_friction or bool(np.any(model.dof_frictionloss > 0.0))
         self._stick_slip = StickSlip(model, layout, noise, self._timestep_s) if rubs else None
@@ -140,7 +115,7 @@ class InputBelief:
         own = slice(first, first + n)
         readings = effort[own], wrench[own]
         loaded = np.repeat(~is_unloaded(wrench, self._noise, self._timestep_s), 6, axis=1).astype(np.float64)
-        qpos, effort, wrench = self._corrected(qpos, effort, wrench)
+        qpos, qvel, effort, wrench = self._corrected(qpos, qvel, effort, wrench)
         wrench = wrench * loaded
         rubbing = Friction.none(n, len(self._joint_dof))
         if self._stick_slip is not None:
@@ -148,21 +123,17 @@ class InputBelief:
             near = slice(max(0, first - reach), first + n + reach)
             rubbing = self._stick_slip.friction(qpos[near], qvel[near], effort[near], wrench[near])
             rubbing = rubbing.rows(first - near.start, n)
-        by_dof = np.zeros_like(block.effort)
-        by_dof[:, self._joint_dof] = rubbing.torque
-        friction_loss = np.zeros_like(block.effort)
-        friction_loss[:, self._joint_dof] = np.where(rubbing.sticks, UNLIMITED, 0.0)
+        loss = np.where(rubbing.sticks, UNLIMITED, 0.0)
+        friction, friction_loss, sliding = (self._by_dof(rows) for rows in (rubbing.torque, loss, rubbing.sliding))
         spans = self._spans
         return BelievedBlock(
             qpos=block.qpos,
             qvel=block.qvel,
             effort=readings[0],
             wrench=readings[1] * loaded[own],
-            loaded=loaded[own],
-            friction=by_dof,
+            friction=friction,
             friction_loss=friction_loss,
             friction_variance=rubbing.variance,
-            sliding=rubbing.sliding,
             motion=Motion(
                 position=qpos[own],
                 velocity=level(qvel, own, spans),
@@ -171,21 +142,31 @@ class InputBelief:
                 wrench=level(wrench, own, spans) * loaded[own],
                 effort_rate=slope(effort, own, spans) / self._timestep_s,
                 wrench_rate=slope(wrench, own, spans) / self._timestep_s * loaded[own],
+                loaded=loaded[own],
+                sliding=sliding,
             ),
         )
 
+    def _by_dof(self, rows: FloatArray) -> FloatArray:
+        """Columns of joints as columns of degrees of freedom, zero at the base."""
+        out = np.zeros((len(rows), self._n_v))
+        out[:, self._joint_dof] = rows
+        return out
+
     def _corrected(
-        self, qpos: FloatArray, effort: FloatArray, wrench: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        self, qpos: FloatArray, qvel: FloatArray, effort: FloatArray, wrench: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Measurements without what the first of the models takes for errors of the sensors."""
         if self._sensors is None:
-            return qpos, effort, wrench
+            return qpos, qvel, effort, wrench
         sensors = {name: values[0] for name, values in vars(self._sensors).items()}
-        qpos, effort = qpos.copy(), effort.copy()
-        qpos[:, self._joint_qpos] -= sensors["encoder_offset"]
+        qpos, qvel, effort = qpos.copy(), qvel.copy(), effort.copy()
+        if sensors["state_offset"].any():
+            layout, shift = self._layout, np.tile(-sensors["state_offset"], (len(qpos), 1))
+            correct_state(qpos, qvel, shift, layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof)
         effort[:, self._joint_dof] -= sensors["effort_offset"]
         effort[:, self._joint_dof] /= 1.0 + sensors["effort_gain"]
-        return qpos, effort, (wrench - sensors["wrench_offset"]) / (1.0 + sensors["wrench_gain"])
+        return qpos, qvel, effort, (wrench - sensors["wrench_offset"]) / (1.0 + sensors["wrench_gain"])
 
 
 def _read_later(rows: FloatArray, samples: float) -> FloatArray:

@@ -115,6 +115,8 @@ class KalmanInjection:
         whiteners = np.empty((n, n_x, n_x))
         tangents = np.empty((n, self._tangents.count, n_x)) if self._tangents else None
         root_h = np.sqrt(self._lineariser.period_s)
+        if self._tangents:
+            self._tangents.enter(inputs.motion)
         for k in range(n):
             if k % self._hold_steps == 0:
                 linear = self._lineariser.step(inputs, k)
@@ -131,7 +133,7 @@ class KalmanInjection:
             # mu integrates over time; dividing by the period makes it a sum over samples.
             whiteners[k] = inverse_factor / root_h
             if self._tangents and tangents is not None:
-                tangents[k] = (whiteners[k] @ self._tangents.step(inputs, k, self._gain, linear)).T
+                tangents[k] = (whiteners[k] @ self._tangents.step(k, self._gain, linear)).T
             scaled = inverse_factor @ predicted
             self._gain = scaled.T @ inverse_factor
             self._covariance = predicted - scaled.T @ scaled
@@ -140,6 +142,6 @@ class KalmanInjection:
     def _process_noise(self, linear: StepLinearisation, inputs: BelievedBlock, k: int) -> FloatArray:
         """Covariance that noisy inputs and unknown friction add in one step, shape (2 nv, 2 nv)."""
         unknown = inputs.friction_variance[k : k + self._hold_steps].max(axis=0)
-        from_wrench = linear.from_wrench * np.sqrt(self._wrench_variance * inputs.loaded[k])
+        from_wrench = linear.from_wrench * np.sqrt(self._wrench_variance * inputs.motion.loaded[k])
         from_effort = linear.from_effort * np.sqrt(self._effort_variance + unknown)
         return np.asarray(from_wrench @ from_wrench.T + from_effort @ from_effort.T)

@@ -9,8 +9,10 @@ import numpy as np
 from numba import njit
 
 from massid.model.inertia import spatial_inertia
+from massid.model.inverse import damping_is_implicit, with_single_stage
 from massid.model.layout import JointLayout
-from massid.model.realisation import Realisation, write_fields
+from massid.model.motion import Motion
+from massid.model.realisation import InertiaSlopes, Realisation, write_fields
 from massid.observer.inputs import BelievedBlock
 from massid.typing import FloatArray, IntArray
 
@@ -37,8 +39,11 @@ class StepLinearisation:
 class Lineariser:
     """Linearises one identification model, whose parameters can be changed.
 
+    RK4 is linearised as Euler. Finite differences of its own step take longer and gave the same masses and deviations:
+    on a noisy walk of the light robot 0.064 kg of error and 0.139 kg of deviation either way.
+
     Args:
-        model: an identification model; this object takes it over.
+        model: an identification model.
         layout: addresses of the free joint and the one-axis joints.
         substeps: steps of the model from one sample to the next, through which the inputs are held.
 
@@ -48,17 +53,22 @@ class Lineariser:
     """
 
     def __init__(self, model: mujoco.MjModel, layout: JointLayout, substeps: int = 1) -> None:
-        self.model = model
+        self.model = with_single_stage(model)
         self.period_s = float(model.opt.timestep) * substeps
         self._substeps = substeps
         self._layout = layout
         self._data = mujoco.MjData(model)
-        self._inertia_slopes: FloatArray = np.zeros((0, 4, 4))
+        self._slopes = InertiaSlopes(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4, 4)))
 
     def place(self, realisation: Realisation) -> None:
         """Take the parameters of the first of N models."""
         write_fields(self.model, realisation)
-        self._inertia_slopes = realisation.inertia_slopes
+        self._slopes = realisation.inertia_slopes
+
+    @property
+    def changing(self) -> IntArray:
+        """Coordinates of the unknowns that change bodies, one for each column of `inertial_forces`."""
+        return self._slopes.unknowns
 
     def step(self, block: BelievedBlock, k: int) -> StepLinearisation:
         """Linearise what happens from sample k of a block to the next, along the estimated motion.
@@ -82,29 +92,27 @@ class Lineariser:
             transition = np.linalg.matrix_power(transition, self._substeps)
         return StepLinearisation(transition, from_force[:, self._layout.joint_dof], from_wrench, from_force)
 
-    def inertial_forces(self, block: BelievedBlock, k: int, bodies: IntArray, parameters: IntArray) -> FloatArray:
-        """Generalised force that a change of bodies asks for at sample k, per unit of the parameter.
+    def inertial_forces(self, motion: Motion, k: int) -> FloatArray:
+        """Generalised force that a change of bodies asks for at sample k, per unit of the unknowns.
 
         These are the derivatives of the inverse dynamics, gravity included, of the estimated motion. Forces are linear
         in the inertia of a body, so its derivative takes the place of the inertia itself.
 
         Args:
-            block: with the estimated motion.
-            k: sample.
-            bodies: that change, shape (n,).
-            parameters: rows of the placed realisation's `inertia_slopes`, shape (n,).
+            motion: as estimated.
+            k: sample of it.
 
         Returns:
-            Shape (nv, n).
+            A column for each body that each unknown changes, in the order of `changing`, shape (nv, n).
         """
-        model, data = self.model, self._data
-        data.qpos[:], data.qvel[:] = block.motion.position[k], block.motion.velocity[k]
+        model, data, bodies = self.model, self._data, self._slopes.bodies
+        data.qpos[:], data.qvel[:] = motion.position[k], motion.velocity[k]
         mujoco.mj_fwdPosition(model, data)
         mujoco.mj_fwdVelocity(model, data)
-        data.qacc[:] = block.motion.acceleration[k]
+        data.qacc[:] = motion.acceleration[k]
         mujoco.mj_rnePostConstraint(model, data)
         origin = data.xpos[bodies] - data.subtree_com[model.body_rootid[bodies]]
-        inertia = spatial_inertia(self._inertia_slopes[parameters], data.xmat[bodies].reshape(-1, 3, 3), origin)
+        inertia = spatial_inertia(self._slopes.pseudo_inertia, data.xmat[bodies].reshape(-1, 3, 3), origin)
         out = np.zeros((model.nv, len(bodies)))
         _project_inertial(
             inertia, data.cvel, data.cacc, data.cdof, model.body_parentid, model.body_dofadr, model.body_dofnum,
@@ -116,14 +124,13 @@ class Lineariser:
         """Acceleration of the step by generalised force at the last forward state, shape (nv, nv).
 
         The friction of joints that stick answers with -D a, so a = (H + D)^-1 tau, and H a is what is left to move the
-        robot. The step solves with H + h B instead of H: damping is implicit in it.
+        robot. The step solves with H + h B instead of H: damping is implicit in it, unless the file forbids it.
         """
         model, data = self.model, self._data
         inertia = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, inertia)
         stepped = inertia
-        explicit = mujoco.mjtDisableBit.mjDSBL_EULERDAMP | mujoco.mjtDisableBit.mjDSBL_DAMPER
-        if model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4 and not model.opt.disableflags & explicit:
+        if damping_is_implicit(model):
             stepped = inertia + model.opt.timestep * np.diag(model.dof_damping)
         sticking = data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
         if not sticking.any():

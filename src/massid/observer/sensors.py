@@ -21,7 +21,7 @@ from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
 from massid.observer.spans import REACH_S
 from massid.observer.tangents import TangentFilter
-from massid.search.parameters import Kind, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.walk import Walk
 from massid.walk.noise import SensorNoise
 
@@ -119,11 +119,11 @@ class NoisySensors:
             self.noise,
             timestep_s=timestep_s,
             reach_s=self.reach_s,
-            unknown_friction=any(parameter.kind is Kind.FRICTION for parameter in space.parameters),
+            unknown_friction=robot.realise(space, space.nominal, contact_bodies).friction_loss is not None,
         )
         model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
         lineariser = Lineariser(copy.copy(model), robot.layout, substeps)
-        columns = TangentFilter(robot, space.parameters, contact_bodies, lineariser) if tangents else None
+        columns = TangentFilter(robot, space, contact_bodies, lineariser) if tangents else None
         return RobotBank(
             robot,
             space,

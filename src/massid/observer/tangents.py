@@ -11,49 +11,49 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from massid.errors import BadInputError
+from massid.model.motion import Motion
 from massid.model.robot import Robot
-from massid.observer.inputs import BelievedBlock
+from massid.model.unknowns.unknown import unknowns_of
 from massid.observer.linearisation import Lineariser, StepLinearisation
-from massid.search.parameters import Kind, Parameter
-from massid.typing import FloatArray, IntArray
+from massid.search.parameters import ParameterSpace
+from massid.typing import FloatArray
 
 
 class TangentFilter:
-    """The columns of all tangent parameters, carried along a walk.
+    """The columns of all unknowns, carried along a walk.
 
     Args:
         robot: the robot.
-        tangents: all parameters that the lineariser is placed with, in their order.
+        space: all unknowns that the lineariser is placed with.
         contact_bodies: bodies whose wrench is measured, in the order of the blocks' columns.
         lineariser: the model at the current estimate.
+
+    Raises:
+        BadInputError: an unknown changes no body and has no effect of its own.
     """
 
     def __init__(
-        self, robot: Robot, tangents: Sequence[Parameter], contact_bodies: Sequence[str], lineariser: Lineariser
+        self, robot: Robot, space: ParameterSpace, contact_bodies: Sequence[str], lineariser: Lineariser
     ) -> None:
         self._lineariser = lineariser
-        n_v, layout = robot.model.nv, robot.layout
-        inertial: list[int] = []
-        bodies: list[int] = []
-        columns: dict[Kind, list[int]] = {kind: [] for kind in Kind}
-        sources: dict[Kind, list[int]] = {kind: [] for kind in Kind}
-        for column, parameter in enumerate(tangents):
-            if parameter.is_inertial:
-                inertial.append(column)
-                bodies.append(robot.model.body(parameter.body).id)
-                continue
-            columns[parameter.kind].append(column)
-            source = robot.sensor_column(parameter, contact_bodies)  # of a torque sensor, as of a joint
-            sources[parameter.kind].append(source)
-        self._inertial, self._bodies = _ids(inertial), _ids(bodies)
-        self._columns = {kind: _ids(found) for kind, found in columns.items() if found}
-        self._sources = {kind: _ids(found) for kind, found in sources.items() if found}
-        self._joint_dof = layout.joint_dof
-        self._measured: FloatArray = np.zeros((2 * n_v, len(tangents)))
-        if Kind.ENCODER_OFFSET in self._columns:
-            rows = layout.joint_dof[self._sources[Kind.ENCODER_OFFSET]]
-            self._measured[rows, self._columns[Kind.ENCODER_OFFSET]] = 1.0
+        self._unknowns, self._channels = unknowns_of(space), robot.channels(contact_bodies)
+        self._measured: FloatArray = np.zeros((2 * robot.model.nv, len(space)))
+        changing = robot.realise(space, space.nominal, contact_bodies).inertia_slopes.unknowns
+        rest, blind = Motion.at_rest(self._channels), []
+        for column, unknown in enumerate(self._unknowns):
+            effect = unknown.effect(rest, self._channels)
+            if effect.measured is not None:
+                self._measured[:, column] = effect.measured
+            if effect.is_nothing and column not in changing:
+                blind.append(unknown.name)
+        if blind:
+            raise BadInputError(
+                f"{', '.join(blind)}: what it does to a motion is not known, and a log with noise cannot tell of it: "
+                "its class needs an `effect`, or must change bodies."
+            )
         self._state: FloatArray = -self._measured
+        self._acting: tuple[FloatArray, FloatArray] = (np.zeros((len(space), 0, 0)),) * 2
 
     @property
     def count(self) -> int:
@@ -62,49 +62,34 @@ class TangentFilter:
 
     @property
     def state(self) -> FloatArray:
-        """Derivative of the model's state by each tangent parameter, shape (2 nv, n_tangents)."""
+        """Derivative of the model's state by each unknown, shape (2 nv, n_p)."""
         return self._state
 
     def restart(self) -> None:
-        """The state is the measurement, whatever the parameters; only an encoder's offset is in it."""
+        """The state is the measurement, whatever the unknowns; what that shows too much is all that is in it."""
         self._state = -self._measured
 
-    def step(self, block: BelievedBlock, k: int, gain: FloatArray, linear: StepLinearisation) -> FloatArray:
-        """Advance by one step; returns the derivative of y^ - y after it, shape (2 nv, n_tangents)."""
+    def enter(self, motion: Motion) -> None:
+        """Find what a unit more of each unknown does along a block, whose steps are taken next."""
+        n, count = len(motion), self.count
+        force, wrench = np.zeros((count, *motion.velocity.shape)), np.zeros((count, *motion.wrench.shape))
+        for column, unknown in enumerate(self._unknowns):
+            effect = unknown.effect(motion, self._channels)
+            if effect.force is not None:
+                force[column] = effect.force
+            if effect.wrench is not None:
+                wrench[column] = effect.wrench
+        changing = self._lineariser.changing
+        asked = np.array([self._lineariser.inertial_forces(motion, k) for k in range(n)])
+        for row, column in enumerate(changing):
+            force[column] -= asked[:, :, row]
+        self._acting = force, wrench
+
+    def step(self, k: int, gain: FloatArray, linear: StepLinearisation) -> FloatArray:
+        """Advance by step k of the block; returns the derivative of y^ - y after it, shape (2 nv, n_p)."""
+        force, wrench = self._acting
         corrected = self._state - gain @ (self._state + self._measured)
-        self._state = linear.transition @ corrected + self._direct(block, k, linear)
+        self._state = linear.transition @ corrected
+        self._state += linear.from_force @ force[:, k].T
+        self._state += linear.from_wrench @ wrench[:, k].T
         return self._state + self._measured
-
-    def _direct(self, block: BelievedBlock, k: int, linear: StepLinearisation) -> FloatArray:
-        """Effect of each parameter on one step: a sensor that reads too much makes the input smaller."""
-        out = np.zeros_like(self._state)
-        if len(self._inertial):
-            forces = self._lineariser.inertial_forces(block, k, self._bodies, self._inertial)
-            out[:, self._inertial] = -linear.from_force @ forces
-        torque, speed = block.motion.effort[k, self._joint_dof], block.motion.velocity[k, self._joint_dof]
-        for kind, columns in self._columns.items():
-            source = self._sources[kind]
-            match kind:
-                case Kind.EFFORT_OFFSET:
-                    out[:, columns] = -linear.from_effort[:, source]
-                case Kind.EFFORT_GAIN:
-                    out[:, columns] = -linear.from_effort[:, source] * torque[source]
-                case Kind.EFFORT_LAG:  # what acts is what is read later
-                    out[:, columns] = (linear.from_force @ block.motion.effort_rate[k])[:, None]
-                case Kind.WRENCH_LAG:
-                    out[:, columns] = (linear.from_wrench @ block.motion.wrench_rate[k])[:, None]
-                case Kind.WRENCH_OFFSET:
-                    out[:, columns] = -linear.from_wrench[:, source] * block.loaded[k, source]
-                case Kind.WRENCH_GAIN:
-                    out[:, columns] = -linear.from_wrench[:, source] * block.motion.wrench[k, source]
-                case Kind.FRICTION:
-                    out[:, columns] = linear.from_effort[:, source] * block.sliding[k, source]
-                case Kind.DAMPING:
-                    out[:, columns] = -linear.from_effort[:, source] * speed[source]
-                case _:  # an encoder's offset acts on the measurement alone
-                    pass
-        return out
-
-
-def _ids(values: Sequence[int]) -> IntArray:
-    return np.asarray(values, dtype=np.int64)

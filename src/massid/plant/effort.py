@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Protocol
 
 import mujoco
 import numpy as np
 
+from massid.model.inverse import invertible
 from massid.typing import FloatArray
 
 _IMPLICIT = (int(mujoco.mjtIntegrator.mjINT_IMPLICIT), int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST))
@@ -58,9 +58,8 @@ class StepEquivalentEffort:
     def __init__(self, model: mujoco.MjModel) -> None:
         disabled = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_ACTUATION
         self._full = model
-        self._model = copy.copy(model)
+        self._model = invertible(model)
         self._model.opt.disableflags |= int(disabled)
-        self._model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_INVDISCRETE)
         self._data = mujoco.MjData(self._model)
         self._state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
         self._from_contacts = np.zeros(model.nv)

@@ -18,6 +18,7 @@ import numpy as np
 
 from massid.errors import BadInputError
 from massid.log import WalkWriter
+from massid.model.inverse import takes_stages
 from massid.plant.backend import PhysicsError
 from massid.plant.contacts import ContactRecorder
 from massid.plant.effort import effort_meter
@@ -93,7 +94,7 @@ class StepRecorder:
         self._qvel = np.zeros((BLOCK_SAMPLES, self._model.nv))
         self._effort = np.zeros((BLOCK_SAMPLES, self._model.nv))
         self._filled = 0
-        self._stages = int(self._model.opt.integrator) == int(mujoco.mjtIntegrator.mjINT_RK4)
+        self._stages = takes_stages(self._model)
         self._instant = mujoco.MjData(self._model) if self._stages else self._data
         self._state = np.empty(mujoco.mj_stateSize(self._model, mujoco.mjtState.mjSTATE_INTEGRATION))
         self.samples = 0

@@ -89,6 +89,10 @@ def _uncertainty(found: Uncertainty) -> UncertaintyEntry:
                 estimate=value,
                 std=std,
                 prior_std=parameter.prior_std or parameter.scale,  # a nuisance has both, and they are one
+                kind=parameter.kind,
+                title=parameter.title,
+                label=parameter.label,
+                log=parameter.log,
             )
             for parameter, value, std in rows
         },

@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from massid.model.draft import Draft
 from massid.model.inertia import inertial_frame
 from massid.model.robot import Robot
-from massid.model.unknowns.bodies import AXES, BodyUnknowns, unknown_bodies
+from massid.model.unknowns.bodies import AXES, BodyUnknown, Inertia, Mass
 from massid.result.document import QuantityEntry
 from massid.result.posterior import interval_95
-from massid.search.parameters import Kind, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.typing import BoolArray, FloatArray
 
 _STEP = 1e-5
@@ -77,49 +78,60 @@ def describe(
     found: list[Quantity] = []
     std = None if covariance is None else np.sqrt(np.diagonal(covariance))
     for k, parameter in enumerate(space.parameters):
-        if parameter.kind in (Kind.MASS, Kind.INERTIA):
+        if isinstance(parameter, Mass | Inertia):
             continue
         name, value = parameter.name, float(estimate[k])
         own_std = None if std is None else float(std[k])
         found.append(Quantity(name, parameter.unit, parameter.nominal, value, own_std, bool(identifiable[k]), (name,)))
-    for body in unknown_bodies(robot.model, space):
-        columns = _shape_columns(space, body.body)
-        if columns:
-            found += _moments(body, space, estimate, covariance, bool(identifiable[columns].all()))
+    for body in _shaped(space):
+        columns = _shape_columns(space, body)
+        found += _moments(robot, body, space, estimate, covariance, bool(identifiable[columns].all()))
     return tuple(found)
 
 
 def whole_shapes(space: ParameterSpace, identifiable: BoolArray) -> BoolArray:
     """A rotational inertia is identifiable if all its numbers are: half of a shape is no shape."""
     out = identifiable.copy()
-    for body in {parameter.body for parameter in space.parameters if parameter.kind is Kind.INERTIA}:
+    for body in _shaped(space):
         columns = _shape_columns(space, body)
         out[columns] = out[columns].all()
     return out
 
 
+def _shaped(space: ParameterSpace) -> list[str]:
+    """The bodies whose rotational inertia was asked for."""
+    return list(dict.fromkeys(parameter.body for parameter in space.parameters if isinstance(parameter, Inertia)))
+
+
 def _shape_columns(space: ParameterSpace, body: str) -> list[int]:
     """Coordinates of a body's rotational inertia."""
-    return [k for k, p in enumerate(space.parameters) if p.kind is Kind.INERTIA and p.body == body]
+    return [k for k, p in enumerate(space.parameters) if isinstance(p, Inertia) and p.body == body]
 
 
 def _moments(
-    body: BodyUnknowns, space: ParameterSpace, estimate: FloatArray, covariance: FloatArray | None, identifiable: bool
+    robot: Robot,
+    body: str,
+    space: ParameterSpace,
+    estimate: FloatArray,
+    covariance: FloatArray | None,
+    identifiable: bool,
 ) -> list[Quantity]:
     """Principal moments of a link about its centre of mass, smallest first; payloads do not belong to it."""
+    own = {k: p for k, p in enumerate(space.parameters) if isinstance(p, BodyUnknown) and p.body == body}
 
     def moments(points: FloatArray) -> FloatArray:
-        return np.sort(inertial_frame(body.link(points)).moments, axis=1)
+        draft = Draft(robot.channels(), tuple(own.values()), points[:, list(own)])
+        return np.sort(inertial_frame(draft.bodies[body].link()).moments, axis=1)
 
     nominal, value = moments(np.vstack([space.nominal, estimate]))
     std: Sequence[float | None] = [None] * len(AXES)
     if covariance is not None:
         slope = _slope(moments, estimate, space.scale)
         std = np.sqrt(np.diagonal(slope @ covariance @ slope.T)).tolist()
-    names = tuple(space.parameters[k].name for k in _shape_columns(space, body.body))
+    names = tuple(space.parameters[k].name for k in _shape_columns(space, body))
     rows = zip(nominal.tolist(), value.tolist(), std, strict=True)
     return [
-        Quantity(f"inertia/{body.body}/{number}", "kg m^2", before, after, deviation, identifiable, names)
+        Quantity(f"{Inertia.kind}/{body}/{number}", "kg m^2", before, after, deviation, identifiable, names)
         for number, (before, after, deviation) in enumerate(rows, start=1)
     ]
 

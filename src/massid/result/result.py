@@ -11,6 +11,8 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 
 from massid.errors import BadInputError
+from massid.model.unknowns.bodies import Mass
+from massid.model.unknowns.unknown import Unknown
 from massid.result.checks import Validation
 from massid.result.combinations import Sum
 from massid.result.description import describe_result
@@ -24,7 +26,7 @@ from massid.result.presentation import Columns, columns, notebook_html, one_or_t
 from massid.result.quantities import Quantity
 from massid.result.verdict import KNOWN_SUM, Verdict
 from massid.search.guided import Iteration
-from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Role
 from massid.typing import FloatArray, IntArray
 from massid.walk.noise import SensorNoise
@@ -112,7 +114,7 @@ class Uncertainty:
     inflation: float
     chi2_per_sample: float
     total_std_kg: float
-    nuisances: tuple[Parameter, ...]
+    nuisances: tuple[Unknown, ...]
     nuisance_estimate: FloatArray
     nuisance_std: FloatArray
 
@@ -190,16 +192,16 @@ class Result:
         parameters, values = list(self.space.parameters), self.estimate.tolist()
         if self.uncertainty is not None:
             found = self.uncertainty
-            for parameter, value in zip(found.nuisances, found.nuisance_estimate.tolist(), strict=True):
-                target, _, number = parameter.target.partition("@")
-                if number in ("", "1"):
-                    parameters.append(replace(parameter, target=target))
+            for unknown, value in zip(found.nuisances, found.nuisance_estimate.tolist(), strict=True):
+                if unknown.log in (None, 1):
+                    parameters.append(unknown.of_log(None))
                     values.append(value)
         return ParameterSpace(tuple(parameters)), np.array(values)
 
     def judged(self, verdict: Verdict) -> Result:
         """The result under a verdict made before the fit: what it calls hidden is not identified, whatever came out."""
-        hidden = {f"{Kind.MASS}/{link}" for link in verdict.hidden} | set(verdict.hidden_others)
+        hidden = {one.name for one in self.space.parameters if isinstance(one, Mass) and one.body in verdict.hidden}
+        hidden |= set(verdict.hidden_others)
         seen = [name not in hidden for name in self.space.names]
         excitation = replace(self.excitation, identifiable=self.excitation.identifiable & np.array(seen))
         status = self.status if excitation.identifiable.all() else Status.NOT_IDENTIFIABLE
@@ -259,7 +261,7 @@ class Result:
             foreseen: which links, and a deviation that counts for a log without noise.
         """
         space = self.space
-        masses = [one.kind is Kind.MASS and one.target in foreseen.links for one in space.parameters]
+        masses = [isinstance(one, Mass) and one.body in foreseen.links for one in space.parameters]
         chosen = np.array(masses, dtype=np.float64)
         room = np.minimum(self.estimate - space.lower, space.upper - self.estimate) / space.scale
         if (self.contradicted and self.unforeseen) or np.any(room[masses] < _BORDER):
@@ -274,7 +276,7 @@ class Result:
     def hidden_links(self) -> tuple[str, ...]:
         """The links whose mass the log does not reveal."""
         rows = zip(self.space.parameters, self.excitation.identifiable, strict=True)
-        return tuple(parameter.target for parameter, seen in rows if not seen and parameter.kind is Kind.MASS)
+        return tuple(parameter.target for parameter, seen in rows if not seen and isinstance(parameter, Mass))
 
     @property
     def hidden(self) -> tuple[str, ...]:
@@ -301,7 +303,7 @@ class Result:
         return {
             parameter.target: float(value)
             for parameter, value in zip(self.space.parameters, point, strict=True)
-            if parameter.kind is Kind.MASS
+            if isinstance(parameter, Mass)
         }
 
     @property

@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.search.parameters import Parameter, ParameterSpace
 from massid.systems.kernels import compiled
 from massid.typing import FloatArray, IntArray
 
@@ -37,7 +37,8 @@ def coefficient(name: str, nominal: float, lower: float, upper: float, scale: fl
         upper: upper end of Theta.
         scale: a typical change; default a quarter of Theta's width.
     """
-    return Parameter(Kind.COEFFICIENT, name, nominal, lower, upper, 0.25 * (upper - lower) if scale is None else scale)
+    scale = 0.25 * (upper - lower) if scale is None else scale
+    return Parameter(name, nominal=nominal, lower=lower, upper=upper, scale=scale)
 
 
 @dataclass(frozen=True)

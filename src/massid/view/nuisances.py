@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from massid.model.unknowns.sensors import WrenchOffset
 from massid.result.document import Document, NuisanceEntry
 from massid.result.posterior import INTERVAL_95
 from massid.view.chart import Chart
@@ -13,18 +14,6 @@ from massid.view.page import HtmlPage
 _COLOUR = "#0a8a78"
 _FAR, _KNOWN = 3.0, 0.5
 _LEAST_REACH = 2.5
-_KINDS = {
-    "effort_offset": "torque offsets",
-    "effort_gain": "torque gains",
-    "effort_lag": "lag of the torques",
-    "wrench_lag": "lag of the wrenches",
-    "encoder_offset": "encoder offsets",
-    "wrench_offset": "force offsets",
-    "wrench_gain": "wrench gains",
-    "inertia_scale": "rotational inertias",
-    "mass": "masses of other links",
-}
-_AXES = ("force x", "force y", "force z", "moment x", "moment y", "moment z")
 
 
 @dataclass(frozen=True)
@@ -47,8 +36,8 @@ def write_nuisances(page: HtmlPage, document: Document) -> None:
         return
     kinds: dict[str, list[_Row]] = {}
     for name, entry in document.uncertainty.nuisances.items():
-        kind, _, target = name.partition("/")
-        kinds.setdefault(kind, []).append(_row(kind, target, entry, document.uncertainty.noise))
+        row = _row(entry.label or name, entry, document.uncertainty.noise)
+        kinds.setdefault(entry.title or "nuisances", []).append(row)
     page.heading("Errors of the sensors, and what else was not asked for")
     page.paragraph(
         "Each dot is an estimate with its 95 % interval, in units of the standard deviation that was believed before; "
@@ -57,8 +46,7 @@ def write_nuisances(page: HtmlPage, document: Document) -> None:
         soft=True,
     )
     rows = []
-    for kind, found in kinds.items():
-        title = _KINDS.get(kind, kind.replace("_", " "))
+    for title, found in kinds.items():
         reach = max(_LEAST_REACH, *(abs(one.share) + INTERVAL_95 * one.std for one in found))
         names = [f"{one.name} {one.text}" for one in found]
         chart = Chart.of_rows(title, names, (-reach, reach), "prior deviations", 17.0)
@@ -74,14 +62,11 @@ def write_nuisances(page: HtmlPage, document: Document) -> None:
     page.table(["", "how many", "known to half of the prior or better", "beyond three prior deviations"], rows)
 
 
-def _row(kind: str, target: str, entry: NuisanceEntry, noise: Mapping[str, float]) -> _Row:
+def _row(label: str, entry: NuisanceEntry, noise: Mapping[str, float]) -> _Row:
     centre, prior = entry.nominal, entry.prior_std
-    if kind == "wrench_offset" and noise.get("force_offset"):
+    if entry.kind == WrenchOffset.kind and noise.get("force_offset"):
         centre, prior = 0.0, noise["force_offset"]
-    if kind.startswith("wrench") and "/" in target:
-        body, _, axis = target.rpartition("/")
-        number, _, log = axis.partition("@")
-        target = f"{body} {_AXES[int(number)]}" + (f" (log {log})" if log else "")
+    label += f" (log {entry.log})" if entry.log else ""
     unit = "" if entry.unit == "1" else f" {entry.unit}"
     text = f"{entry.estimate:+.3g} ±{INTERVAL_95 * entry.std:.2g}{unit}"
-    return _Row(target, text, (entry.estimate - centre) / prior, entry.std / prior)
+    return _Row(label, text, (entry.estimate - centre) / prior, entry.std / prior)

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from massid.model.unknowns.bodies import Mass
 from massid.result.posterior import INTERVAL_95
 from massid.result.result import Result, WindowResult
 from massid.score import Score
-from massid.search.parameters import Kind
 from massid.search.proposal import Role
 from massid.typing import BoolArray, FloatArray, IntArray
 
@@ -52,7 +52,7 @@ class Trace:
     def of(cls, result: Result, score: Score | None) -> Trace:
         """Collect the curves of a result; `score` brings the truth."""
         space = result.space
-        masses = [i for i, parameter in enumerate(space.parameters) if parameter.kind is Kind.MASS]
+        masses = [i for i, parameter in enumerate(space.parameters) if isinstance(parameter, Mass)]
         links = tuple(space.parameters[i].target for i in masses)
         points = np.vstack([space.nominal, *(window.estimate for window in result.windows)])
         steps = np.array([window.newton_step[masses] for window in result.windows]).reshape(-1, len(masses))

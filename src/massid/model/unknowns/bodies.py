@@ -1,23 +1,27 @@
-"""Unknowns of rigid bodies: mass, centre of mass, rotational inertia, payload; what points of Theta make of them."""
+"""Unknowns of rigid bodies: mass, centre of mass, rotational inertia, payload.
+
+What they do to a motion follows from the pseudo-inertia of the body that they write, so none has an effect of its own.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
-import mujoco
 import numpy as np
 
-from massid.errors import BadInputError, ModelError
-from massid.model.inertia import (
-    LOG_CHOLESKY,
-    inertial_frame,
-    log_cholesky_factor,
-    pseudo_inertia,
-    spread_of,
-)
-from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.errors import BadInputError, ModelError, unknown_name
+from massid.model.inertia import LOG_CHOLESKY, spread_of
+from massid.model.unknowns.unknown import Unknown
 from massid.typing import FloatArray
 
+if TYPE_CHECKING:
+    from massid.model.draft import Draft
+    from massid.model.robot import Robot
+
+THETA_LOWER, THETA_UPPER = 0.3, 2.5
+"""Default bounds of a mass, as multiples of its nominal value."""
 AXES = ("x", "y", "z")
 CENTRE_REACH = 4.0
 """Theta of a centre of mass, in radii of gyration to either side of the model file's."""
@@ -33,61 +37,224 @@ SMALLEST_PAYLOAD_SCALE = 0.01
 """Typical payload of a link that weighs next to nothing, as a share of the whole robot's mass."""
 _FLAT = 1e-9
 """Smallest square of a radius of gyration, relative to the largest, of a body that has three extents."""
-_STEP = 1e-4
-"""Difference for slopes, in scales; pseudo-inertias are smooth and no engine is asked."""
 
 
-def centre_parameters(model: mujoco.MjModel, link: str) -> list[Parameter]:
-    """Centre of mass of a link in the frame of its body [m], one parameter an axis."""
-    body = model.body(link)
-    spread = spread_of(float(body.mass[0]), body.inertia)
-    radius = max(float(np.sqrt(max(spread.sum(), 0.0) / 3.0)), SMALLEST_REACH_M)
-    reach = CENTRE_REACH * radius
-    return [
-        Parameter(Kind.COM, f"{link}/{axis}", nominal, nominal - reach, nominal + reach, radius)
-        for axis, nominal in zip(AXES, body.ipos.tolist(), strict=True)
-    ]
+@dataclass(frozen=True)
+class BodyUnknown(Unknown):
+    """An unknown of one body.
+
+    Attributes:
+        body: its name.
+    """
+
+    body: str
 
 
-def inertia_parameters(model: mujoco.MjModel, link: str) -> list[Parameter]:
-    """Rotational inertia of a link about its centre of mass: six numbers that are zero for the model file.
+@dataclass(frozen=True)
+class Mass(BodyUnknown):
+    """Mass of a link; its rotational inertia scales with it, its centre of mass stays."""
+
+    kind = "mass"
+    title = "masses of other links"
+    adds_mass: ClassVar[float] = 1.0
+    unit = "kg"
+
+    @classmethod
+    def of(cls, link: str, nominal_kg: float) -> Mass:
+        """Within the default Theta."""
+        lower, upper = THETA_LOWER * nominal_kg, THETA_UPPER * nominal_kg
+        return cls(link, nominal=nominal_kg, lower=lower, upper=upper, scale=nominal_kg)
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> Sequence[Mass]:
+        """Of one link.
+
+        Raises:
+            ModelError: not a link with a mass, or one that moves with another body.
+        """
+        check_link(robot, target)
+        return (cls.of(target, robot.nominal_mass_kg(target)),)
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """As the mass of the body itself."""
+        draft.body(self.body).mass[:] = values
+
+
+@dataclass(frozen=True)
+class CentreOfMass(BodyUnknown):
+    """Centre of mass of a link in the frame of its body.
+
+    Attributes:
+        axis: x, y or z.
+    """
+
+    kind = "com"
+    title = "centres of mass"
+    unit = "m"
+    axis: str
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> Sequence[CentreOfMass]:
+        """Of BODY, one an axis, or of BODY/AXIS.
+
+        Raises:
+            ModelError: not a link with a mass, or one that moves with another body.
+        """
+        link, axes = _with_entries(robot, target, AXES)
+        check_link(robot, link)
+        body = robot.model.body(link)
+        spread = spread_of(float(body.mass[0]), body.inertia)
+        radius = max(float(np.sqrt(max(spread.sum(), 0.0) / 3.0)), SMALLEST_REACH_M)
+        reach = CENTRE_REACH * radius
+        return [
+            cls(link, axis, nominal=nominal, lower=nominal - reach, upper=nominal + reach, scale=radius)
+            for axis, nominal in zip(AXES, body.ipos.tolist(), strict=True)
+            if axis in axes
+        ]
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """As one coordinate of the body's own centre of mass."""
+        draft.body(self.body).centre[:, AXES.index(self.axis)] = values
+
+
+@dataclass(frozen=True)
+class Inertia(BodyUnknown):
+    """Rotational inertia of a link about its centre of mass, in log-Cholesky numbers of its pseudo-inertia.
+
+    They are zero for the model file's inertia, and any value belongs to a body that can exist.
+
+    Attributes:
+        entry: one of `LOG_CHOLESKY`.
+    """
+
+    kind = "inertia"
+    title = "shapes of rotational inertias"
+    entry: str
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> Sequence[Inertia]:
+        """Of BODY, all six numbers, or of BODY/ENTRY.
+
+        Raises:
+            ModelError: not a link with a mass, or one that moves with another body; or the model file's inertia is that
+                of a body without thickness, from which no thickness can be scaled.
+        """
+        link, entries = _with_entries(robot, target, LOG_CHOLESKY)
+        check_link(robot, link)
+        body = robot.model.body(link)
+        spread = spread_of(float(body.mass[0]), body.inertia)
+        if spread.min() <= _FLAT * spread.max():
+            moments = ", ".join(f"{moment:.4g}" for moment in body.inertia)
+            raise ModelError(
+                f"Body '{link}' has principal moments {moments} kg m^2, those of a body without thickness: its inertia "
+                "cannot be identified; give the model a physical one (each moment less than the sum of the other two)."
+            )
+        return [
+            cls(link, entry, nominal=0.0, lower=-SHAPE_REACH, upper=SHAPE_REACH, scale=SHAPE_SCALE) for entry in entries
+        ]
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """As one number of the body's shape."""
+        draft.body(self.body).shape[:, LOG_CHOLESKY.index(self.entry)] = values
+
+
+@dataclass(frozen=True)
+class InertiaScale(BodyUnknown):
+    """Rotational inertia of a link about its centre of mass, all of it by one factor: its natural logarithm."""
+
+    kind = "inertia_scale"
+    title = "rotational inertias"
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> Sequence[InertiaScale]:
+        """Of one link; an inertia is a radius of gyration squared.
+
+        Raises:
+            ModelError: not a link with a mass, or one that moves with another body.
+        """
+        check_link(robot, target)
+        reach = 2.0 * SHAPE_REACH
+        return (cls(target, nominal=0.0, lower=-reach, upper=reach, scale=2.0 * SHAPE_SCALE),)
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """As a factor."""
+        draft.body(self.body).gain *= np.exp(values)
+
+
+@dataclass(frozen=True)
+class Payload(BodyUnknown):
+    """A point mass carried by a body.
+
+    Attributes:
+        point: in the frame of the body [m].
+    """
+
+    kind = "payload"
+    title = "payloads"
+    adds_mass: ClassVar[float] = 1.0
+    unit = "kg"
+    point: tuple[float, float, float]
+
+    @property
+    def where(self) -> str:
+        """BODY@X,Y,Z."""
+        return f"{self.body}@{','.join(f'{x:g}' for x in self.point)}"
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> Sequence[Payload]:
+        """At BODY, the origin of its frame, or at BODY@X,Y,Z in the frame of the body [m]; nominally none.
+
+        Raises:
+            ModelError: no such body, or one that does not move.
+            BadInputError: the point is not three finite numbers, or nowhere near the robot.
+        """
+        body, point = _parse_payload(target)
+        _check_carrier(robot, body)
+        away_m, size_m = float(np.linalg.norm(point)), float(robot.model.stat.extent)
+        if away_m > FARTHEST_PAYLOAD * size_m:
+            raise BadInputError(
+                f"Payload '{target}' is {away_m:.3g} m from the origin of {body}; expected a point on the robot, which "
+                f"is {size_m:.2g} m across, in metres and in the frame of the body."
+            )
+        total_kg = robot.total_mass_kg
+        scale = max(float(robot.model.body(body).mass[0]), SMALLEST_PAYLOAD_SCALE * total_kg)
+        return (cls(body, point, nominal=0.0, lower=0.0, upper=max(PAYLOAD_REACH * total_kg, scale), scale=scale),)
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """On top of the body itself."""
+        draft.body(self.body).carry(values, self.point)
+
+
+def check_link(robot: Robot, link: str, *, welded_too: bool = False) -> None:
+    """Refuse what has no mass of its own or moves with another body.
 
     Raises:
-        ModelError: the model file's inertia is that of a body without thickness, from which no thickness can be scaled.
+        ModelError: see there.
     """
-    body = model.body(link)
-    spread = spread_of(float(body.mass[0]), body.inertia)
-    if spread.min() <= _FLAT * spread.max():
-        moments = ", ".join(f"{moment:.4g}" for moment in body.inertia)
+    nominal_kg = robot.nominal_mass_kg(link)
+    other = robot.welded_to(link)
+    if other is not None and not welded_too:
         raise ModelError(
-            f"Body '{link}' has principal moments {moments} kg m^2, those of a body without thickness: its inertia "
-            "cannot be identified; give the model a physical one (each moment less than the sum of the other two)."
+            f"Body '{link}' of {robot.source} ({nominal_kg:.3g} kg) moves with '{other}': there is no joint "
+            f"between them, so weigh '{other}'.{robot.suggestion(link)}"
         )
-    return [
-        Parameter(Kind.INERTIA, f"{link}/{entry}", 0.0, -SHAPE_REACH, SHAPE_REACH, SHAPE_SCALE)
-        for entry in LOG_CHOLESKY
-    ]
 
 
-def payload_parameter(model: mujoco.MjModel, text: str, total_kg: float) -> Parameter:
-    """A point mass on a body, written BODY or BODY@X,Y,Z in the frame of the body [m]; nominally none.
-
-    Raises:
-        BadInputError: the point is not three finite numbers, or nowhere near the robot.
-    """
-    body, point = parse_payload(text)
-    away_m, size_m = float(np.linalg.norm(point)), float(model.stat.extent)
-    if away_m > FARTHEST_PAYLOAD * size_m:
-        raise BadInputError(
-            f"Payload '{text}' is {away_m:.3g} m from the origin of {body}; expected a point on the robot, which is "
-            f"{size_m:.2g} m across, in metres and in the frame of the body."
-        )
-    scale = max(float(model.body(body).mass[0]), SMALLEST_PAYLOAD_SCALE * total_kg)
-    upper = max(PAYLOAD_REACH * total_kg, scale)
-    return Parameter(Kind.PAYLOAD, f"{body}@{','.join(f'{x:g}' for x in point)}", 0.0, 0.0, upper, scale)
+def _check_carrier(robot: Robot, name: str) -> None:
+    """Refuse bodies that carry nothing through a walk."""
+    model = robot.model
+    moving = [model.body(b).name for b in range(1, model.nbody) if model.body_dofnum[model.body_weldid[b]] > 0]
+    if name not in moving:
+        raise ModelError(unknown_name("moving body", name, moving, robot.source))
 
 
-def parse_payload(text: str) -> tuple[str, FloatArray]:
+def _with_entries(robot: Robot, target: str, entries: Sequence[str]) -> tuple[str, Sequence[str]]:
+    """Take BODY for all entries and BODY/ENTRY for one of them; names of bodies may hold slashes, too."""
+    body, _, entry = target.rpartition("/")
+    return (body, (entry,)) if entry in entries and target not in robot.links else (target, entries)
+
+
+def _parse_payload(text: str) -> tuple[str, tuple[float, float, float]]:
     """Body and point of BODY@X,Y,Z; without a point it is the origin of the body's frame.
 
     Raises:
@@ -95,118 +262,13 @@ def parse_payload(text: str) -> tuple[str, FloatArray]:
     """
     body, at, numbers = text.rpartition("@")
     if not at:
-        return text, np.zeros(3)
+        return text, (0.0, 0.0, 0.0)
     try:
-        point = np.array([float(number) for number in numbers.split(",")])
+        x, y, z = (float(number) for number in numbers.split(","))
     except ValueError:
-        point = np.empty(0)
-    if point.shape != (3,) or not np.all(np.isfinite(point)):
+        x = y = z = np.nan
+    if not np.all(np.isfinite((x, y, z))):
         raise BadInputError(
             f"Payload '{text}': expected BODY or BODY@X,Y,Z with a point in metres, such as hand@0,0,0.1."
         )
-    return body, point
-
-
-class BodyUnknowns:
-    """What is unknown of one body.
-
-    Args:
-        model: with nominal bodies.
-        body: its name.
-        space: all unknowns.
-    """
-
-    def __init__(self, model: mujoco.MjModel, body: str, space: ParameterSpace) -> None:
-        self.body = body
-        self._nominal = space.nominal
-        own = [(k, p) for k, p in enumerate(space.parameters) if p.is_inertial and p.body == body]
-        self.columns = tuple(k for k, _ in own)
-        self._mass = [k for k, p in own if p.kind is Kind.MASS]
-        self._centre = {AXES.index(p.entry): k for k, p in own if p.kind is Kind.COM}
-        self._scale = [k for k, p in own if p.kind is Kind.INERTIA_SCALE]
-        self._shape = {LOG_CHOLESKY.index(p.entry): k for k, p in own if p.kind is Kind.INERTIA}
-        self._payloads = [(k, parse_payload(p.target)[1]) for k, p in own if p.kind is Kind.PAYLOAD]
-        row = model.body(body)
-        self._mass_kg, self._ipos = float(row.mass[0]), row.ipos.copy()
-        rotation = np.empty(9)
-        mujoco.mju_quat2Mat(rotation, row.iquat)
-        self._axes = rotation.reshape(3, 3)
-        self._spread = spread_of(self._mass_kg, row.inertia)
-
-    @property
-    def keeps_frame(self) -> bool:
-        """Whether its centre of mass and the shape of its inertia are the model file's."""
-        return len(self.columns) == len(self._mass) + len(self._scale)
-
-    def mass(self, points: FloatArray) -> FloatArray:
-        """Mass of the body itself, shape (N,) [kg]."""
-        return points[:, self._mass[0]] if self._mass else np.full(len(points), self._mass_kg)
-
-    def gain(self, points: FloatArray) -> FloatArray:
-        """Factor on the rotational inertia that a body of this mass has in the model file, shape (N,)."""
-        return np.exp(points[:, self._scale[0]]) if self._scale else np.ones(len(points))
-
-    def link(self, points: FloatArray) -> FloatArray:
-        """Pseudo-inertia of the body itself, shape (N, 4, 4)."""
-        n = len(points)
-        centre = np.repeat(self._ipos[None], n, axis=0)
-        for axis, column in self._centre.items():
-            centre[:, axis] = points[:, column]
-        spread = np.broadcast_to(np.diag(self._spread), (n, 3, 3))
-        if self._shape:
-            entries = np.zeros((n, len(LOG_CHOLESKY)))
-            for entry, column in self._shape.items():
-                entries[:, entry] = points[:, column]
-            scaled = np.sqrt(self._spread)[:, None] * log_cholesky_factor(entries)
-            spread = scaled @ scaled.transpose(0, 2, 1)
-        spread = self.gain(points)[:, None, None] * (self._axes @ spread @ self._axes.T)
-        return pseudo_inertia(self.mass(points), centre, spread)
-
-    def loaded(self, points: FloatArray) -> FloatArray:
-        """Pseudo-inertia of the body with its payloads, shape (N, 4, 4)."""
-        total = self.link(points)
-        for column, point in self._payloads:
-            at = np.repeat(point[None], len(points), axis=0)
-            total = total + pseudo_inertia(points[:, column], at, np.zeros((3, 3)))
-        return total
-
-    def slopes(self, point: FloatArray, scale: FloatArray) -> FloatArray:
-        """Derivatives of the pseudo-inertia by this body's parameters, shape (n_columns, 4, 4)."""
-        step = _STEP * scale[list(self.columns)]
-        offsets = np.zeros((len(step), len(point)))
-        offsets[np.arange(len(step)), list(self.columns)] = step
-        change = self.loaded(point + offsets) - self.loaded(point - offsets)
-        return np.asarray(change / (2.0 * step)[:, None, None])
-
-
-def unknown_bodies(model: mujoco.MjModel, space: ParameterSpace) -> list[BodyUnknowns]:
-    """Every body of which something is unknown."""
-    names = dict.fromkeys(p.body for p in space.parameters if p.is_inertial)
-    return [BodyUnknowns(model, name, space) for name in names]
-
-
-def body_fields(model: mujoco.MjModel, bodies: Sequence[BodyUnknowns], points: FloatArray) -> Mapping[str, FloatArray]:
-    """Model fields of N models, leading axis N; frames of inertia only where they can differ from the nominal ones."""
-    names = ["body_mass", "body_inertia"]
-    if not all(body.keeps_frame for body in bodies):
-        names += ["body_ipos", "body_iquat"]
-    fields = {name: np.repeat(getattr(model, name)[None], len(points), axis=0) for name in names}
-    for body in bodies:
-        number = model.body(body.body).id
-        if body.keeps_frame:
-            mass = body.mass(points)
-            fields["body_inertia"][:, number] *= (body.gain(points) * mass / model.body_mass[number])[:, None]
-            fields["body_mass"][:, number] = mass
-            continue
-        frame = inertial_frame(body.loaded(points))
-        fields["body_mass"][:, number], fields["body_inertia"][:, number] = frame.mass, frame.moments
-        fields["body_ipos"][:, number], fields["body_iquat"][:, number] = frame.centre, frame.quaternion
-    return fields
-
-
-def inertia_slopes(bodies: Sequence[BodyUnknowns], space: ParameterSpace, point: FloatArray) -> FloatArray:
-    """Derivative of its body's pseudo-inertia by each parameter, zero for others, shape (n_p, 4, 4)."""
-    out = np.zeros((len(space), 4, 4))
-    for body in bodies:
-        out[list(body.columns)] = body.slopes(point, space.scale)
-    return out
+    return body, (x, y, z)

@@ -1,38 +1,157 @@
-"""Unknowns of joints: dry friction and viscous damping; what points of Theta make of them."""
+"""Unknowns of joints: dry friction, viscous damping and springs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
 
 import mujoco
 import numpy as np
 
-from massid.search.parameters import Kind, Parameter, ParameterSpace
+from massid.errors import ModelError, unknown_name
+from massid.model.layout import Channels
+from massid.model.motion import Motion
+from massid.model.unknowns.unknown import Effect, Unknown
 from massid.typing import FloatArray
 
-FIELDS = {Kind.FRICTION: "dof_frictionloss", Kind.DAMPING: "dof_damping"}
+if TYPE_CHECKING:
+    from massid.model.draft import Draft
+    from massid.model.robot import Robot
+
 TYPICAL_LEVER_M = 0.002
 """A typical friction torque is the robot's weight with this lever: 3 N m for 150 kg, 0.7 N m for 35 kg."""
 TYPICAL_SPEED = 1.0
 """A typical damping makes that torque at this joint speed [rad/s]."""
+TYPICAL_ANGLE = 0.3
+"""A typical spring makes that torque at this distance from its reference [rad]."""
 REACH = 30.0
 """Theta ends at so many typical values above the model file's."""
 
 
-def passive_parameter(model: mujoco.MjModel, kind: Kind, joint: str, weight_n: float) -> Parameter:
-    """Friction loss or damping of a joint, from zero up."""
-    nominal = float(getattr(model, FIELDS[kind])[model.joint(joint).dofadr[0]])
-    typical = weight_n * TYPICAL_LEVER_M / (TYPICAL_SPEED if kind is Kind.DAMPING else 1.0)
-    scale = max(nominal, typical)
-    return Parameter(kind, joint, nominal, 0.0, nominal + REACH * scale, scale)
+@dataclass(frozen=True)
+class JointUnknown(Unknown):
+    """A torque of a joint that no motor makes, as a field of the model by degree of freedom; from zero up.
+
+    Attributes:
+        joint: its name.
+        field: of MjModel.
+        typical: torque that a unit of it typically makes, in typical friction torques.
+    """
+
+    field: ClassVar[str]
+    typical: ClassVar[float] = 1.0
+
+    joint: str
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> Sequence[JointUnknown]:
+        """Of one joint.
+
+        Raises:
+            ModelError: no such joint, or actuators that damp joints, too.
+        """
+        _check_joint(robot, target)
+        nominal = float(getattr(robot.model, cls.field)[robot.model.joint(target).dofadr[0]])
+        scale = max(nominal, _typical_torque(robot) / cls.typical)
+        return (cls(target, nominal=nominal, lower=0.0, upper=nominal + REACH * scale, scale=scale),)
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """Into the field."""
+        draft.field(self.field)[:, draft.channels.dof(self.joint)] = values
 
 
-def joint_fields(model: mujoco.MjModel, space: ParameterSpace, points: FloatArray) -> Mapping[str, FloatArray]:
-    """Model fields of N models, leading axis N; none where nothing is unknown."""
-    fields: dict[str, FloatArray] = {}
-    for parameter, values in zip(space.parameters, points.T, strict=True):
-        if parameter.is_passive:
-            name = FIELDS[parameter.kind]
-            field = fields.setdefault(name, np.repeat(getattr(model, name)[None], len(points), axis=0))
-            field[:, model.joint(parameter.target).dofadr[0]] = values
-    return fields
+@dataclass(frozen=True)
+class FrictionLoss(JointUnknown):
+    """Friction loss of a joint."""
+
+    kind = "friction"
+    title = "friction losses"
+    unit = "N m"
+    field = "dof_frictionloss"
+
+    def write_spec(self, spec: mujoco.MjSpec, value: float) -> None:
+        """As the joint's own."""
+        spec.joint(self.joint).frictionloss = value
+
+    def effect(self, motion: Motion, channels: Channels) -> Effect:
+        """A torque in the direction of friction, where a joint is known to slide."""
+        return Effect.on_joint(channels, self.joint, motion.sliding[:, channels.dof(self.joint)])
+
+
+@dataclass(frozen=True)
+class Damping(JointUnknown):
+    """Viscous damping of a joint."""
+
+    kind = "damping"
+    title = "dampings"
+    unit = "N m s/rad"
+    field = "dof_damping"
+    typical = TYPICAL_SPEED
+
+    def write_spec(self, spec: mujoco.MjSpec, value: float) -> None:
+        """As the joint's own; terms of higher order stay."""
+        joint = spec.joint(self.joint)
+        joint.damping = np.array([value, *joint.damping[1:]])
+
+    def effect(self, motion: Motion, channels: Channels) -> Effect:
+        """A torque against the velocity."""
+        return Effect.on_joint(channels, self.joint, -motion.velocity[:, channels.dof(self.joint)])
+
+
+@dataclass(frozen=True)
+class Stiffness(Unknown):
+    """Stiffness of a joint's spring, about the reference position that the model gives it.
+
+    Attributes:
+        joint: its name.
+    """
+
+    kind = "stiffness"
+    title = "stiffnesses"
+    unit = "N m/rad"
+
+    joint: str
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> Sequence[Stiffness]:
+        """Of one joint, from zero up.
+
+        Raises:
+            ModelError: no such joint.
+        """
+        if target not in robot.joint_names:
+            raise ModelError(unknown_name("joint", target, robot.joint_names, robot.source))
+        nominal = float(robot.model.jnt_stiffness[robot.model.joint(target).id])
+        scale = max(nominal, _typical_torque(robot) / TYPICAL_ANGLE)
+        return (cls(target, nominal=nominal, lower=0.0, upper=nominal + REACH * scale, scale=scale),)
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """Into the joint."""
+        draft.field("jnt_stiffness")[:, draft.channels.model.joint(self.joint).id] = values
+
+    def write_spec(self, spec: mujoco.MjSpec, value: float) -> None:
+        """As the joint's own; terms of higher order stay."""
+        joint = spec.joint(self.joint)
+        joint.stiffness = np.array([value, *joint.stiffness[1:]])
+
+    def effect(self, motion: Motion, channels: Channels) -> Effect:
+        """A torque towards the reference position."""
+        address = channels.layout.joint_qpos[channels.joint(self.joint)]
+        away = motion.position[:, address] - channels.model.qpos_spring[address]
+        return Effect.on_joint(channels, self.joint, -away)
+
+
+def _typical_torque(robot: Robot) -> float:
+    """Of what is no motor [N m]."""
+    return robot.total_mass_kg * float(np.linalg.norm(robot.model.opt.gravity)) * TYPICAL_LEVER_M
+
+
+def _check_joint(robot: Robot, joint: str) -> None:
+    """Refuse what is no joint, and dampers that are not the joints' own."""
+    if joint not in robot.joint_names:
+        raise ModelError(unknown_name("joint", joint, robot.joint_names, robot.source))
+    if not np.array_equal(robot.identification_model(()).dof_damping, robot.model.dof_damping):
+        raise ModelError(
+            f"{robot.source}: actuators damp joints, too; give that damping to the joints to have it identified."
+        )
