@@ -15,7 +15,7 @@ from massid.result import Result, Status
 from massid.score import Truth
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
-WEIGHINGS = ("first_call", "own_direction", "own_topics")
+WEIGHINGS = ("first_call", "own_direction", "own_topics", "own_unknown")
 
 
 def _main_of(name: str) -> Callable[..., Any]:
