@@ -258,3 +258,43 @@ def test_world_wrenches_are_turned_into_their_bodies(pushed: Pushed) -> None:
     np.testing.assert_allclose(
         aligned.wrench, pushed.walk.wrench, atol=1e-9
     )  # forces of some 100 N, a rotation and back
+
+
+def test_force_limits_of_joints_do_not_cut_off_measured_wrenches() -> None:
+    """Commercial models limit the force of all actuators on a joint; the ground pushes as hard as it was measured."""
+    robot = make_robot()
+    spec = robot.spec.copy()
+    for joint in spec.joints[1:]:
+        joint.actfrclimited, joint.actfrcrange = mujoco.mjtLimited.mjLIMITED_TRUE, [-5.0, 5.0]
+    models = [one.identification_model(["l_foot"]) for one in (robot, Robot(spec))]
+    accelerations = []
+    for model in models:
+        data = mujoco.MjData(model)
+        data.ctrl[2] = 300.0  # N, along the foot's z axis
+        mujoco.mj_forward(model, data)
+        assert np.abs(data.qfrc_actuator[6:]).max() > 5.0  # N m
+        accelerations.append(data.qacc.copy())
+    np.testing.assert_array_equal(*accelerations)
+
+
+def test_identification_models_hold_no_shapes_and_keep_the_inertia_that_follows_from_them() -> None:
+    cube = " ".join(f"{x} {y} {z}" for x in (0, 1) for y in (0, 1) for z in (0, 2))
+    robot = Robot(
+        mujoco.MjSpec.from_string(
+            f"""
+            <mujoco>
+              <asset>
+                <mesh name="cube" vertex="{cube}" scale="0.1 0.1 0.1"/>
+                <texture name="t" type="2d" builtin="flat" width="512" height="512"/><material name="m" texture="t"/>
+              </asset>
+              <worldbody><body name="base"><freejoint/><geom type="mesh" mesh="cube" material="m"/>
+                <body name="arm"><joint name="j" axis="0 1 0"/><geom type="capsule" size="0.02 0.1"/></body>
+              </body></worldbody>
+            </mujoco>"""
+        )
+    )
+    bare = robot.identification_model(["base"])
+    assert (bare.ngeom, bare.nmesh, bare.ntex, bare.nmat) == (0, 0, 0, 0)
+    for name in ("body_mass", "body_inertia", "body_ipos", "body_iquat"):
+        np.testing.assert_array_equal(getattr(bare, name), getattr(robot.model, name))
+    assert bare.nbuffer < 0.1 * robot.model.nbuffer

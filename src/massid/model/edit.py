@@ -32,18 +32,27 @@ def no_single_base(model: mujoco.MjModel, free: IntArray) -> str:
     return f"{text} Add <freejoint/> to body '{model.body(heaviest).name}'."
 
 
-def identification_spec(spec: mujoco.MjSpec, contact_bodies: Sequence[str]) -> mujoco.MjSpec:
-    """Return a copy of a spec that is driven by generalised forces and by six motors at each contact body's origin.
-
-    Args:
-        spec: as loaded.
-        contact_bodies: bodies of it; controls are ordered like them.
-    """
+def bare_spec(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return a copy of a spec that has nothing but what moves: no actuators, no contacts, nothing to be seen."""
     spec = spec.copy()
     keep_actuator_dynamics(spec)
+    lift_force_limits(spec)
     for group in (spec.keys, spec.actuators, spec.sensors, spec.tuples):
         for element in list(group):
             spec.delete(element)
+    drop_shapes(spec)
+    set_options(spec.option)
+    return spec
+
+
+def identification_spec(bare: mujoco.MjSpec, contact_bodies: Sequence[str]) -> mujoco.MjSpec:
+    """Return a copy of a bare spec, driven by generalised forces and by six motors at each contact body's origin.
+
+    Args:
+        bare: see `bare_spec`.
+        contact_bodies: bodies of it; controls are ordered like them.
+    """
+    spec = bare.copy()
     for body_name in contact_bodies:
         site = spec.body(body_name).add_site(name=f"{WRENCH_SITE_PREFIX}{body_name}")
         for axis in range(6):
@@ -53,8 +62,30 @@ def identification_spec(spec: mujoco.MjSpec, contact_bodies: Sequence[str]) -> m
                 name=f"{site.name}/{axis}", trntype=mujoco.mjtTrn.mjTRN_SITE, target=site.name, gear=gear
             )
             make_plain_motor(motor)
-    set_options(spec.option)
     return spec
+
+
+def lift_force_limits(spec: mujoco.MjSpec) -> None:
+    """Let joints and tendons bear any actuator force.
+
+    The engine clamps the sum of all actuators' forces on a joint (`actuatorfrcrange`). Measured wrenches act through
+    motors, so on nearly every commercial robot's model J^T f would be cut off at loaded samples; and what was measured
+    has been within the limits of the real drives.
+    """
+    for element in (*spec.joints, *spec.tendons):
+        element.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+
+
+def drop_shapes(spec: mujoco.MjSpec) -> None:
+    """Take out what is only seen or touched: each of many copies would hold all of a robot's meshes and textures.
+
+    Bodies keep the inertia that followed from their geoms, and tendons the geoms that they wrap around.
+    """
+    for skin in list(spec.skins):
+        spec.delete(skin)
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    spec.discard_visual()
 
 
 def make_plain_motor(motor: Any) -> None:

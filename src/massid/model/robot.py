@@ -13,7 +13,7 @@ import numpy as np
 
 from massid.errors import LogError, ModelError, unknown_name
 from massid.model.draft import Draft, realise
-from massid.model.edit import identification_spec, no_single_base, without_joints, write_bodies
+from massid.model.edit import bare_spec, identification_spec, no_single_base, without_joints, write_bodies
 from massid.model.file import one_line, save_model
 from massid.model.kinematics import wrenches_in_bodies
 from massid.model.layout import Channels, JointLayout
@@ -86,6 +86,11 @@ class Robot:
         # Fused bodies lose their names; welded ones keep them and move no differently.
         spec.compiler.fusestatic = False
         return cls(spec, path.name)
+
+    @cached_property
+    def _bare(self) -> mujoco.MjSpec:
+        """What all identification models are made of; meshes are read for it once."""
+        return bare_spec(self.spec)
 
     @cached_property
     def links(self) -> tuple[str, ...]:
@@ -189,9 +194,8 @@ class Robot:
         for name in contact_bodies:
             if name not in bodies:
                 raise ModelError(unknown_name("contact body", name, bodies, self.source))
-        spec = identification_spec(self.spec, contact_bodies)
         try:
-            return spec.compile()
+            return identification_spec(self._bare, contact_bodies).compile()
         except ValueError as error:
             raise ModelError(f"{self.source}: no identification model can be made of it: {one_line(error)}") from error
 
