@@ -48,6 +48,10 @@ class CommonGain(Unknown):
     title = "common gain of the torque sensors"
     per_walk = True
 
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> list[CommonGain]:
+        return [cls(nominal=0.0, lower=-0.5, upper=0.5, scale=0.05)]
+
     def write(self, draft: Draft, values: FloatArray) -> None:
         draft.sensors.effort_gain[:] += values[:, None]
 

@@ -14,6 +14,7 @@ from massid.errors import BadInputError
 from massid.model.unknowns.spaces import parameter_space
 from massid.model.unknowns.unknown import Unknown, nuisance
 from massid.result import Status
+from massid.result.quantities import describe
 from massid.search.guided import enough_models
 from massid.typing import FloatArray
 from massid.walk import Walk
@@ -109,6 +110,15 @@ def test_it_is_a_nuisance_beside_the_others(pushed: Pushed, log: tuple[Walk, Flo
     assert found.nuisance_estimate[0] == pytest.approx(GAIN, abs=min(4.0 * found.nuisance_std[0], 0.2 * GAIN))
     entry = result.to_json()["uncertainty"]["nuisances"]["common_gain/all"]
     assert (entry["title"], entry["label"], entry["log"]) == (CommonGain.title, "all", None)
+
+
+def test_what_follows_from_it_is_reported(pushed: Pushed) -> None:
+    """Moments of inertia belong to the mass that the body has, whoever gave it."""
+    space = parameter_space(pushed.robot, ["torso"], [TWIN_CALVES, "inertia/l_calf"])
+    point = space.nominal * np.where(np.array(space.names) == TWIN_CALVES.name, 2.0, 1.0)
+    found = describe(pushed.robot, space, point, None, np.ones(len(space), dtype=np.bool_))
+    moments = [one for one in found if one.name.startswith("inertia/")]
+    np.testing.assert_allclose([one.estimate for one in moments], [2.0 * one.nominal for one in moments])
 
 
 def test_least_squares_have_a_row_of_it(pushed: Pushed, log: tuple[Walk, FloatArray]) -> None:
