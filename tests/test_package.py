@@ -25,6 +25,7 @@ ONLY_IN = {
     "daqp": {"walking"},
     "ruamel": {"log"},
     "google": {"log"},
+    "msgspec": {"result", "score"},
 }
 """Libraries that one room keeps to itself."""
 
@@ -35,13 +36,14 @@ SEES: dict[str, set[str]] = {
     "ranges": set(),
     "outputs": set(),
     "assets": set(),
+    "markup": set(),
     "walk": set(),
     "search": {"ranges"},
     "log": {"outputs", "walk"},
     "model": {"search", "walk"},
     "audit": {"log", "model", "walk"},
     "observer": {"model", "search", "walk"},
-    "result": {"model", "search", "walk"},
+    "result": {"markup", "model", "search", "walk"},
     "identify": {"audit", "model", "observer", "ranges", "result", "search", "walk"},
     "compare": {"model", "search", "walk"},
     "judge": {"compare", "identify", "model", "observer", "result", "search", "walk"},
@@ -49,10 +51,10 @@ SEES: dict[str, set[str]] = {
     "systems": {"search"},
     "walking": set(),
     "plant": {"log", "model", "outputs", "search", "walk", "walking"},
-    "view": {"model", "result", "score", "search", "walk"},
+    "view": {"markup", "model", "result", "score", "search", "walk"},
     "paper": {
-        *("assets", "identify", "log", "model", "observer", "plant", "result", "score", "search", "systems", "view"),
-        *("walk", "walking", "weighing"),
+        *("assets", "identify", "log", "markup", "model", "observer", "plant", "result", "score", "search", "systems"),
+        *("view", "walk", "walking", "weighing"),
     },
 }
 """What each room may know of those before it: data flows one way, and truth never reaches identification."""

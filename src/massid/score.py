@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import replace
 
 from massid.errors import BadInputError, unknown_name
+from massid.result.document import Document
 from massid.result.result import Result
 from massid.typing import FloatArray
 
@@ -139,31 +141,35 @@ def _finite(number: Any) -> float:
     return value
 
 
-def with_score(document: dict[str, Any], scored: Score) -> dict[str, Any]:
-    """Add true values and errors to a result's JSON document."""
+def with_score(document: Document, scored: Score) -> Document:
+    """Add true values and errors to a result's document; those of what is not identifiable have no errors."""
     links = {
-        link: entry
-        | {"true_kg": scored.true_kg[link], "error_kg": scored.error_kg[link] if entry["identifiable"] else None}
-        for link, entry in document["links"].items()
+        link: replace(
+            entry,
+            true_kg=scored.true_kg[link],
+            error_kg=scored.error_kg[link] if entry.identifiable else None,
+        )
+        for link, entry in document.links.items()
     }
     quantities = {
-        name: entry
-        if name not in scored.true_quantities
+        name: replace(
+            entry,
+            true=scored.true_quantities[name],
+            error=scored.quantity_errors[name] if entry.identifiable else None,
+        )
+        if name in scored.true_quantities
         else entry
-        | {
-            "true": scored.true_quantities[name],
-            "error": scored.quantity_errors[name] if entry["identifiable"] else None,
-        }
-        for name, entry in document["quantities"].items()
+        for name, entry in document.quantities.items()
     }
     iterations = [
-        entry | {"l2_error_kg": error}
-        for entry, error in zip(document["iterations"], scored.l2_error_kg.tolist(), strict=True)
+        replace(entry, l2_error_kg=error)
+        for entry, error in zip(document.iterations, scored.l2_error_kg.tolist(), strict=True)
     ]
-    return document | {
-        "links": links,
-        "quantities": quantities,
-        "l2_error_initial_kg": scored.l2_error_initial_kg,
-        "l2_error_kg": float(scored.l2_error_kg[-1]),
-        "iterations": iterations,
-    }
+    return replace(
+        document,
+        links=links,
+        quantities=quantities,
+        iterations=iterations,
+        l2_error_initial_kg=scored.l2_error_initial_kg,
+        l2_error_kg=float(scored.l2_error_kg[-1]),
+    )

@@ -21,6 +21,7 @@ from massid.identify.logs import PreparedLog
 from massid.identify.options import idle_options
 from massid.identify.prepare import prepare_logs
 from massid.identify.progress import Progress, never, part_of, silent
+from massid.identify.replay import WalkReplay
 from massid.judge.foresee import foresee
 from massid.judge.residuals import channel_residuals
 from massid.judge.validation import hold_out, validate
@@ -226,6 +227,17 @@ class Weighing:
     def foresee(self, progress: Progress = silent) -> Verdict:
         """Say what the logs can reveal, without fitting anything."""
         return foresee(self.logs, self.robot, self.asked, self.options, progress)
+
+    def replay(self, n_models: int | None = None) -> WalkReplay:
+        """The first log with a bank of models, for an optimiser of one's own; see `WalkReplay.score`.
+
+        Args:
+            n_models: size of the bank; default what the options say.
+
+        Raises:
+            LogError: the log is shorter than one dwell window.
+        """
+        return WalkReplay(self.logs[0], self.robot, self.options, n_models or self.options.models(len(self.asked)))
 
     def identify(self, progress: Progress = silent, stop: Callable[[], bool] = never) -> Result:
         """Find what was asked for; see `weigh`."""

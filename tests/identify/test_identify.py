@@ -15,6 +15,7 @@ from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
 from massid.result import Status
 from massid.result.excitation import assess_excitation
+from massid.result.file import plain
 from massid.score import Truth, score, with_score
 from massid.search.guided import SearchOptions
 from massid.walk import Segment, Walk
@@ -130,10 +131,9 @@ def test_options_must_be_positive(field: str) -> None:
 
 def test_json_has_truth_only_when_scored(pushed: Pushed, tmp_path: Path) -> None:
     result = weigh_online(pushed.walk, pushed.robot, pushed.space, SHORT)
-    document = result.to_json()
-    assert "true_kg" not in json.dumps(document)
+    assert "true_kg" not in json.dumps(result.to_json())
     truth = Truth(dict(zip(LINKS, pushed.truth.tolist(), strict=True)))
-    scored = with_score(document, score(result, truth))
+    scored = plain(with_score(result.document(), score(result, truth)))
     assert scored["l2_error_kg"] == scored["iterations"][-1]["l2_error_kg"] < 1e-6
     assert scored["l2_error_initial_kg"] == pytest.approx(np.linalg.norm(pushed.space.nominal - pushed.truth))
     expected = {"nominal_kg", "estimate_kg", "true_kg", "error_kg", "identifiable", "verdict"}

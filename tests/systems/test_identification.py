@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import runpy
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,8 +20,6 @@ from massid.search.offline import BlockReplay, run_offline
 from massid.systems import affine, non_affine
 from massid.systems.bank import SystemBank
 from massid.systems.dynamic_sampling import DynamicSampling
-
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "own_system.py"
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -157,10 +153,3 @@ def test_a_mirror_start_is_lost() -> None:
         search=SearchOptions(),
     ).run()
     assert np.linalg.norm(run.estimates[-1] - non_affine.MIRROR) < 0.05
-
-
-def test_a_system_of_ones_own(capsys: pytest.CaptureFixture[str]) -> None:
-    estimate = runpy.run_path(str(EXAMPLE))["main"]()
-    np.testing.assert_allclose(estimate, [9.81, 0.3, 0.8], atol=1e-6)
-    assert "18 s  gravity 9.81000" in capsys.readouterr().out
-    assert len(EXAMPLE.read_text().splitlines()) < 50

@@ -11,6 +11,7 @@ import pytest
 from massid.cli import main
 from massid.paper.illustration import TRUTH, illustrate
 from massid.paper.page import write_page
+from massid.paper.recorded import Check
 from massid.paper.reproduce import Reproduction, reproduce, results
 from massid.paper.walk_theory import WalkTheory
 
@@ -40,6 +41,15 @@ def test_the_page_has_the_papers_numbers_and_its_pictures(folder: Path) -> None:
     assert "Theorem 2" in page
     assert (folder / "fig2.png").stat().st_size > 10_000
     assert 'src="fig2.png"' in page
+
+
+def test_a_statement_that_does_not_hold_stands_out(tmp_path: Path) -> None:
+    checks = [Check("V-A", "Theorem 0", "p < <b>0</b>", "p = 1", holds) for holds in (True, False)]
+    write_page(Reproduction(checks=checks), tmp_path / "index.html")
+    page = (tmp_path / "index.html").read_text()
+    assert '<td class="good">holds</td>' in page
+    assert '<td class="bad">does not hold</td>' in page
+    assert "p &lt; &lt;b&gt;0&lt;/b&gt;" in page
 
 
 def test_v_d_on_the_sample_walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -158,9 +158,9 @@ def test_what_else_was_asked_for_stands_below_the_masses_at_the_end(online: Stor
     assert "payload" not in before
     assert "| payload/torso@0,0,0 | 0.0000 | **2.9600** ±0.1960 | 3.0000 | kg |" in after
     assert "| com/torso/x | 0.0000 | not identifiable |  | m |" in after
-    entry = with_score(result.to_json(), scored)["quantities"]
-    assert (entry[payload.name]["true"], entry[payload.name]["error"]) == (3.0, pytest.approx(-0.04))
-    assert "true" not in entry[com.name]
+    entry = with_score(result.document(), scored).quantities
+    assert (entry[payload.name].true, entry[payload.name].error) == (3.0, pytest.approx(-0.04))
+    assert entry[com.name].true is None
 
 
 def test_numbers_have_the_digits_they_deserve() -> None:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
+from rich.text import Text
 
 from massid.cli.flags import in_flags
 from massid.identify.progress import Progress as ProgressCallback
 from massid.result import Result
-from massid.result.posterior import INTERVAL_95
+from massid.result.presentation import mass_table, outcome, quantity_table
 from massid.score import Score
 
 OUT = Console(highlight=False)
@@ -54,54 +55,42 @@ def say(message: str) -> None:
 
 def result_table(result: Result, scored: Score | None) -> Table:
     """The table that every identification ends with: link, nominal, estimate and, with the truth, its error."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("link")
-    table.add_column(r"nominal \[kg]", justify="right")
-    table.add_column(r"estimate \[kg]", justify="right")
-    std = result.std_kg
-    if std:
-        table.add_column(r"95 % \[kg]", justify="right")
-    if scored:
-        table.add_column(r"true \[kg]", justify="right")
-        table.add_column(r"error \[kg]", justify="right")
-    nominal, hidden = result.nominal_kg, result.hidden_links
-    for link, estimate in result.estimate_kg.items():
-        identifiable = link not in hidden
-        row = [link, f"{nominal[link]:.3f}", f"{estimate:.4f}" if identifiable else "not identifiable"]
-        if std:
-            row.append(f"+-{INTERVAL_95 * std[link]:.3f}" if identifiable else "-")
+    masses, hidden = mass_table(result), result.hidden_links
+    table = _table((*masses.head, "true [kg]", "error [kg]") if scored else masses.head)
+    for row, link in zip(masses.rows, result.estimate_kg, strict=True):
+        errors: tuple[str, ...] = ()
         if scored:
-            row += [f"{scored.true_kg[link]:.4f}", f"{scored.error_kg[link]:+.1e}" if identifiable else "-"]
-        table.add_row(*row)
-    together = result.together
-    if std and len(nominal) > 1 and together is not None:
-        row = ["together", f"{together.nominal_kg:.3f}", f"{together.estimate_kg:.4f}"]
-        row.append(f"+-{INTERVAL_95 * together.std_kg:.3f}")
+            errors = (f"{scored.true_kg[link]:.4f}", "-" if link in hidden else f"{scored.error_kg[link]:+.1e}")
+        table.add_row(*map(Text, row + errors))
+    if masses.total:
+        errors = ()
         if scored:
-            row += [f"{sum(scored.true_kg.values()):.4f}", f"{sum(scored.error_kg.values()):+.1e}"]
-        table.add_row(*row, style="dim")
+            errors = (f"{sum(scored.true_kg.values()):.4f}", f"{sum(scored.error_kg.values()):+.1e}")
+        table.add_row(*map(Text, masses.total + errors), style="dim")
     return table
 
 
-def quantity_table(result: Result, scored: Score | None) -> Table:
+def other_table(result: Result, scored: Score | None) -> Table:
     """What was asked for besides masses of links, each with its unit, and its error where the truth is known."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("also asked for")
-    for title in ("model file", "estimate", "95 %") if result.uncertainty else ("model file", "estimate"):
-        table.add_column(title, justify="right")
+    quantities = quantity_table(result)
+    *head, unit = quantities.head
     true = scored.true_quantities if scored else {}
-    for title in ("true", "error") if true else ():
-        table.add_column(title, justify="right")
-    table.add_column("unit")
-    for one in result.quantities:
-        row = [one.name, f"{one.nominal:.4f}", f"{one.estimate:.5f}" if one.identifiable else "not identifiable"]
-        if one.std is not None:
-            row.append(f"+-{INTERVAL_95 * one.std:.4f}" if one.identifiable else "-")
+    table = _table([*head, *(("true", "error") if true else ())])
+    table.add_column(unit)
+    for one, (*row, name) in zip(result.quantities, quantities.rows, strict=True):
         if scored and true:
             known = one.name in true
             row.append(f"{true[one.name]:.4f}" if known else "-")
             row.append(f"{scored.quantity_errors[one.name]:+.1e}" if known and one.identifiable else "-")
-        table.add_row(*row, one.unit)
+        table.add_row(*map(Text, (*row, name)))
+    return table
+
+
+def _table(head: Sequence[str]) -> Table:
+    """An empty table of numbers, whose first column names them."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for k, name in enumerate(head):
+        table.add_column(Text(name), justify="right" if k else "left")
     return table
 
 
@@ -110,10 +99,8 @@ def print_result(result: Result, scored: Score | None) -> None:
     OUT.print(result_table(result, scored))
     if result.quantities:
         say("")
-        OUT.print(quantity_table(result, scored))
-    unit = "dwell windows" if result.mode == "online" else "passes over the log"
-    speed = f"{result.log_s:.1f} s of walking in {result.wall_s:.1f} s"
-    say(f"\n{result.status} after {len(result.windows)} {unit} ({speed})")
+        OUT.print(other_table(result, scored))
+    say(f"\n{outcome(result)}")
     if result.unsettled:
         say(result.unsettled)
     if result.validation is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
@@ -23,6 +23,7 @@ from massid.cli.arguments import (
 from massid.errors import BadInputError
 from massid.identify.options import IdentifyOptions
 from massid.outputs import check_outputs, check_suffix
+from massid.result.document import Document, ReferenceEntry
 from massid.result.result import Status
 
 if TYPE_CHECKING:
@@ -175,24 +176,24 @@ class Identify:
             write_summary_png(self.png, walk, robot, result, scored)
             say(f"picture: {self.png}{shows}")
         if self.json and document is not None and not result.stopped:
-            from massid.result.result import write_json
+            from massid.result.file import write_json
 
             try:
                 with progress_bar("least squares beside it") as progress:
-                    write_json(document | {"reference": reference_fit(result, progress)}, self.json)
+                    write_json(document.beside(reference_fit(result, progress)), self.json)
             except KeyboardInterrupt:
                 warn(f"interrupted: {self.json} is complete but for the least-squares fit on the same log")
 
-    def _write_json(self, result: Result, scored: Score | None) -> dict[str, Any]:
+    def _write_json(self, result: Result, scored: Score | None) -> Document:
         """Write the result document and its sidecar."""
         from massid.cli.console import say
-        from massid.result.result import write_json
-        from massid.result.sidecar import DIGEST, sidecar_path, write_sidecar
+        from massid.result.file import write_json
+        from massid.result.sidecar import sidecar_path, write_sidecar
         from massid.score import with_score
 
         assert self.json is not None
-        document = result.to_json() | {"reference": None, "options": self.options.to_json()}
-        document |= {DIGEST: write_sidecar(sidecar_path(self.json), result)}
+        digest = write_sidecar(sidecar_path(self.json), result)
+        document = result.document(options=self.options.to_json(), sidecar_sha256=digest)
         document = with_score(document, scored) if scored else document
         write_json(document, self.json)
         say(f"result: {self.json} (massid report {self.json})")
@@ -236,7 +237,7 @@ class _Heard:
             warn(line)
 
 
-def reference_fit(result: Result, progress: Progress) -> dict[str, Any] | None:
+def reference_fit(result: Result, progress: Progress) -> ReferenceEntry | None:
     """Filtered inverse-dynamics least squares on the same log with the same unknowns; None if the log is too short."""
     from massid.compare import CUTOFFS_HZ, scan_cutoffs, self_chosen
 
@@ -250,9 +251,9 @@ def reference_fit(result: Result, progress: Progress) -> dict[str, Any] | None:
     except BadInputError:
         return None
     asked = len(result.space)
-    return {
-        "method": "filtered inverse-dynamics least squares",
-        "cutoff_hz": fit.cutoff_hz,
-        "estimate_kg": result.masses_kg(fit.estimate[:asked]),
-        "std_kg": result.masses_kg(fit.std[:asked]),
-    }
+    return ReferenceEntry(
+        method="filtered inverse-dynamics least squares",
+        cutoff_hz=fit.cutoff_hz,
+        estimate_kg=result.masses_kg(fit.estimate[:asked]),
+        std_kg=result.masses_kg(fit.std[:asked]),
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import reduce
 from operator import add
@@ -16,15 +16,12 @@ from massid.identify.inference import inference_for
 from massid.identify.logs import PreparedLog, join_spaces
 from massid.identify.options import IdentifyOptions
 from massid.identify.progress import Progress, never, silent
+from massid.identify.replay import WalkReplay
 from massid.model.robot import Robot
 from massid.observer.blas import single_threaded
 from massid.result.result import Result, WindowResult
 from massid.search.guided import GuidedSearch
-from massid.search.monitoring import Monitoring, MonitoringFilter
 from massid.search.offline import run_offline
-from massid.search.proposal import Proposal
-from massid.typing import IntArray
-from massid.walk import Segment
 
 
 def identify_offline(
@@ -64,8 +61,7 @@ def identify_offline(
 
     with single_threaded():
         replays = [
-            _WalkReplay(log, robot, options, n_models, columns)
-            for log, columns in zip(logs, joint.columns, strict=True)
+            WalkReplay(log, robot, options, n_models, columns) for log, columns in zip(logs, joint.columns, strict=True)
         ]
         run = run_offline(replays, search, options.passes, inference.pass_rule(space), prior, tell, stop)
     progress(1.0, "done")
@@ -91,50 +87,3 @@ def identify_offline(
     deviations = [inference.deviations(space, one.quadratic, inflation) for one in run.iterations]
     windows = tuple(replace(window, std=std) for window, std in zip(result.windows, deviations, strict=True))
     return replace(result, windows=windows, stopped=run.stopped)
-
-
-class _WalkReplay:
-    """Runs a bank through all windows of a log, pass after pass.
-
-    Raises:
-        LogError: the log is shorter than one dwell window.
-    """
-
-    def __init__(
-        self, log: PreparedLog, robot: Robot, options: IdentifyOptions, n_models: int, columns: IntArray
-    ) -> None:
-        walk = self._walk = log.walk
-        self._windows = walk.filled_windows(options.dwell_s)
-        sensors = log.sensors.suited_to(walk)
-        self._bank = sensors.bank(
-            robot, log.space, walk.contact_bodies, walk.timestep_s, n_models, n_threads=options.threads
-        )
-        self._forgetting_rate = sensors.forgetting_rate
-        self._columns = columns
-        self._fresh = {segment.start for segment in walk.segments}
-        self._end_of = {
-            window.start: segment.stop
-            for segment in walk.segments
-            for window in self._windows
-            if segment.start <= window.start < segment.stop
-        }
-
-    @property
-    def n_windows(self) -> int:
-        """Dwell windows of the log."""
-        return len(self._windows)
-
-    def run(self, proposal: Proposal, in_use: int) -> Iterator[Monitoring]:
-        """Score a proposal of all logs' unknowns in the first windows."""
-        own = replace(proposal, points=proposal.points[:, self._columns])
-        self._bank.place(own.points)
-        for window in self._windows[:in_use]:
-            yield self._score(window, own).embedded(proposal, self._columns)
-
-    def _score(self, window: Segment, proposal: Proposal) -> Monitoring:
-        bank = self._bank
-        scores = MonitoringFilter(bank.n_models, bank.timestep_s, self._forgetting_rate)
-        anew = not bank.carries_belief or window.start in self._fresh
-        for _, errors in bank.replay(self._walk, window, stop=self._end_of[window.start], restart=anew):
-            scores.update(errors)
-        return scores.result(proposal)

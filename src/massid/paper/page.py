@@ -2,54 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from massid.paper.counts import count, spread
 from massid.paper.figures import initial_affine_error
-from massid.paper.markup import count, spread, table
 from massid.paper.non_affine_case import first_below
 from massid.paper.paper_direction import PAPER_GAIN
+from massid.paper.recorded import Check
 from massid.paper.reproduce import Reproduction
 from massid.paper.sections import section_a, section_b, section_c, section_d
 from massid.systems import non_affine
-
-STYLE = """
-body{font:15px/1.5 "Segoe UI",system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#1d2229}
-h1{font-size:1.6rem}h2{margin-top:2.5rem;border-bottom:1px solid #dde2e8;padding-bottom:.2rem}
-table{border-collapse:collapse;margin:1rem 0;font-size:.92em}
-td,th{padding:.25rem .8rem;text-align:left;vertical-align:top}
-th{border-bottom:2px solid #5b6470}tr:nth-child(even) td{background:#f5f7f9}img{max-width:100%}
-.no{color:#b4192f;font-weight:600}.yes{color:#1a7f4b;font-weight:600}.note{color:#4c5560}
-"""
-THEORY_NOTE = (
-    "<p>The theorems' search has the least ModelSet there is: a centre, its samples, alpha = 1/L and no candidates. On "
-    "the walk the unknowns are masses in kilograms and the models those of the humanoid bank; Eq. (23) is not affine "
-    "in them. Statements of the paper that are wrong as they stand are listed as what was found instead.</p>"
-)
+from massid.view.page import Cell, HtmlPage
 
 
 def write_page(out: Reproduction, path: Path) -> None:
-    """Write the page; its pictures lie beside it."""
-    sections = [
-        "<h1>A guided search framework in multiple model control: run again</h1>",
-        '<p class="note">Every figure and table of the paper that was asked for, from the code of massid, beside the '
-        "paper's numbers. Where the paper is silent a choice was made; how much the result depends on it stands below "
-        "each section. Errors are |p - p*|.</p>",
-        table(("section", "quantity", "paper", "here"), _comparison(out)),
-        *(section_a(out.a) if out.a else []),
-        *(section_b(out.b, out.estimators) if out.b else []),
-        *(section_c(out.c) if out.c else []),
-        *(section_d(out.d, out.rendered) if out.d else []),
-        *_theory(out),
-    ]
-    walls = ", ".join(f"V-{part} {seconds:.0f} s" for part, seconds in out.wall_s.items())
-    sections.append(f'<p class="note">Wall time: {walls}.</p>')
-    body = "\n".join(sections)
-    path.write_text(
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>massid paper</title><style>{STYLE}</style>'
-        f"<body>{body}</body></html>\n"
+    """Write the page; its pictures lie beside it.
+
+    Raises:
+        BadInputError: it cannot be written.
+    """
+    page = HtmlPage("A guided search framework in multiple model control: run again")
+    page.paragraph(
+        "Every figure and table of the paper that was asked for, from the code of massid, beside the paper's numbers. "
+        "Where the paper is silent a choice was made; how much the result depends on it stands below each section. "
+        "Errors are |p - p*|.",
+        soft=True,
     )
+    page.table(("section", "quantity", "paper", "here"), _comparison(out))
+    if out.a:
+        section_a(page, out.a)
+    if out.b:
+        section_b(page, out.b, out.estimators)
+    if out.c:
+        section_c(page, out.c)
+    if out.d:
+        section_d(page, out.d, out.rendered)
+    _theory(page, out.checks)
+    walls = ", ".join(f"V-{part} {seconds:.0f} s" for part, seconds in out.wall_s.items())
+    page.paragraph(f"Wall time: {walls}.", soft=True)
+    page.write(path)
 
 
 def summary_lines(out: Reproduction) -> list[str]:
@@ -116,14 +110,23 @@ def _comparison(out: Reproduction) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def _theory(out: Reproduction) -> list[str]:
-    if not out.checks:
-        return []
+def _theory(page: HtmlPage, checks: Sequence[Check]) -> None:
+    if not checks:
+        return
+    page.heading("Section IV: the theory, checked")
+    page.paragraph(
+        "The theorems' search has the least ModelSet there is: a centre, its samples, alpha = 1/L and no candidates. "
+        "On the walk the unknowns are masses in kilograms and the models those of the humanoid bank; Eq. (23) is not "
+        "affine in them. Statements of the paper that are wrong as they stand are listed as what was found instead."
+    )
     rows = [
-        (check.name, check.system, check.claim, check.measured, "holds" if check.holds else "does not hold")
-        for check in out.checks
+        (
+            check.name,
+            check.system,
+            check.claim,
+            check.measured,
+            Cell("holds", "good") if check.holds else Cell("does not hold", "bad"),
+        )
+        for check in checks
     ]
-    text = table(("where", "on", "statement", "measured", "outcome"), rows)
-    for word, kind in (("holds", "yes"), ("does not hold", "no")):
-        text = text.replace(f"<td>{word}</td>", f'<td class="{kind}">{word}</td>')
-    return ["<h2>Section IV: the theory, checked</h2>", THEORY_NOTE, text]
+    page.table(("where", "on", "statement", "measured", "outcome"), rows)

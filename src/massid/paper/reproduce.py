@@ -19,7 +19,7 @@ from massid.paper.non_affine_case import NonAffineCase, first_below, run_non_aff
 from massid.paper.recorded import Check
 from massid.paper.setting import Progress, silent
 from massid.paper.theory import CHECKS
-from massid.result.result import write_json
+from massid.result.file import write_json
 from massid.systems import non_affine
 
 Part: TypeAlias = Literal["A", "B", "C", "D"]

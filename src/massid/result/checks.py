@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from massid.result.document import TorqueErrorEntry, TorquesEntry, ValidationEntry, WeightEntry
 from massid.result.posterior import INTERVAL_95
 from massid.typing import FloatArray
 
@@ -52,6 +52,20 @@ class TorquePrediction:
         before, after = (float(np.sqrt(np.mean(each**2))) for each in (self.rms_nominal, self.rms_identified))
         return before, after
 
+    def entry(self) -> TorquesEntry:
+        """As a document holds it: the errors without the curves."""
+        before, after = self.rms
+        rows = zip(self.joints, self.rms_nominal.tolist(), self.rms_identified.tolist(), strict=True)
+        return TorquesEntry(
+            cutoff_hz=CUTOFF_HZ,
+            rms_nominal_nm=before,
+            rms_identified_nm=after,
+            joints={
+                joint: TorqueErrorEntry(rms_nominal_nm=nominal, rms_identified_nm=identified)
+                for joint, nominal, identified in rows
+            },
+        )
+
 
 @dataclass(frozen=True)
 class WeightCheck:
@@ -85,6 +99,16 @@ class WeightCheck:
         """Whether the two differ by no more than their errors allow."""
         error = float(np.hypot(self.carried_std_kg, self.found_std_kg))
         return abs(self.found_kg - self.carried_kg) <= LARGEST_DISAGREEMENT * error
+
+    def entry(self) -> WeightEntry:
+        """As a document holds it."""
+        return WeightEntry(
+            found_kg=self.found_kg,
+            found_std_kg=self.found_std_kg,
+            carried_kg=self.carried_kg,
+            carried_std_kg=self.carried_std_kg,
+            agrees=self.agrees,
+        )
 
 
 @dataclass(frozen=True)
@@ -150,31 +174,10 @@ class Validation:
             )
         return tuple(found)
 
-    def to_json(self) -> dict[str, Any]:
-        """The checks as plain JSON values."""
-        torques = self.torques
-        return {
-            "held_out_s": self.held_out_s,
-            "torques": None
-            if torques is None
-            else {
-                "cutoff_hz": CUTOFF_HZ,
-                "rms_nominal_nm": torques.rms[0],
-                "rms_identified_nm": torques.rms[1],
-                "joints": {
-                    joint: {"rms_nominal_nm": before, "rms_identified_nm": after}
-                    for joint, before, after in zip(
-                        torques.joints, torques.rms_nominal.tolist(), torques.rms_identified.tolist(), strict=True
-                    )
-                },
-            },
-            "weight": None
-            if self.weight is None
-            else {
-                "found_kg": self.weight.found_kg,
-                "found_std_kg": self.weight.found_std_kg,
-                "carried_kg": self.weight.carried_kg,
-                "carried_std_kg": self.weight.carried_std_kg,
-                "agrees": self.weight.agrees,
-            },
-        }
+    def entry(self) -> ValidationEntry:
+        """As a document holds it."""
+        return ValidationEntry(
+            held_out_s=self.held_out_s,
+            torques=None if self.torques is None else self.torques.entry(),
+            weight=None if self.weight is None else self.weight.entry(),
+        )

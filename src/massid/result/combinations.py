@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from massid.result.document import SumEntry
 from massid.result.posterior import INTERVAL_95
 from massid.typing import FloatArray
 
@@ -56,10 +56,11 @@ class Sum:
         found = f"to {half}" if self.estimate_kg is None else f"{self.estimate_kg:.2f} {half}"
         return f"{' + '.join(self.links)} together, {found}"
 
-    def to_json(self) -> dict[str, Any]:
-        """As plain JSON values; with an estimate after a fit."""
-        found = {} if self.estimate_kg is None else {"estimate_kg": self.estimate_kg}
-        return {"links": list(self.links), "nominal_kg": self.nominal_kg, "std_kg": self.std_kg} | found
+    def entry(self) -> SumEntry:
+        """As a document holds it."""
+        return SumEntry(
+            links=list(self.links), nominal_kg=self.nominal_kg, std_kg=self.std_kg, estimate_kg=self.estimate_kg
+        )
 
 
 def open_combinations(links: Sequence[str], relative: FloatArray, limit: float) -> tuple[Combination, ...]:

@@ -17,6 +17,11 @@ LARGEST_INFLATION = 2.0
 """Scatter of the windows' scores, relative to what noise explains, from which on the model is called wrong."""
 
 
+def interval_95(value: float, std: float | None) -> list[float] | None:
+    """Lower and upper end of the 95 % interval; None without a standard deviation."""
+    return None if std is None else [value - INTERVAL_95 * std, value + INTERVAL_95 * std]
+
+
 @dataclass(frozen=True)
 class Posterior:
     """Uncertainty of an estimate.

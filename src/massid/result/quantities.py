@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,8 @@ from massid.model.inertia import inertial_frame
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import AXES, Inertia, Mass
 from massid.model.unknowns.unknown import unknowns_of
-from massid.result.posterior import INTERVAL_95
+from massid.result.document import QuantityEntry
+from massid.result.posterior import interval_95
 from massid.search.parameters import ParameterSpace
 from massid.typing import BoolArray, FloatArray
 
@@ -51,16 +51,17 @@ class Quantity:
         """The quantity when some parameters turn out to be hidden."""
         return replace(self, identifiable=self.identifiable and not set(hidden) & set(self.parameters))
 
-    def to_json(self) -> dict[str, Any]:
-        """As plain JSON values; without an estimate if the log does not reveal it."""
-        entry = {"unit": self.unit, "nominal": self.nominal, "identifiable": self.identifiable}
-        if not self.identifiable:
-            return entry | {"estimate": None}
-        entry |= {"estimate": self.estimate}
-        if self.std is None:
-            return entry
-        half = INTERVAL_95 * self.std
-        return entry | {"std": self.std, "interval95": [self.estimate - half, self.estimate + half]}
+    def entry(self) -> QuantityEntry:
+        """As a document holds it; without an estimate if the log does not reveal it."""
+        std = self.std if self.identifiable else None
+        return QuantityEntry(
+            unit=self.unit,
+            nominal=self.nominal,
+            identifiable=self.identifiable,
+            estimate=self.estimate if self.identifiable else None,
+            std=std,
+            interval95=interval_95(self.estimate, std),
+        )
 
 
 def describe(

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import enum
-import json
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import UNSET, UnsetType
 
 from massid.errors import BadInputError
 from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.unknown import Unknown
 from massid.result.checks import Validation
 from massid.result.combinations import Sum
+from massid.result.description import describe_result
 from massid.result.disagreement import disagreement
+from massid.result.document import Document, ReferenceEntry, Settings
 from massid.result.evidence import Evidence
 from massid.result.excitation import Excitation
-from massid.result.posterior import INTERVAL_95, LARGEST_INFLATION
+from massid.result.file import plain
+from massid.result.posterior import LARGEST_INFLATION
+from massid.result.presentation import Columns, columns, notebook_html, one_or_two_lines
 from massid.result.quantities import Quantity
 from massid.result.verdict import KNOWN_SUM, Verdict
 from massid.search.guided import Iteration
@@ -27,7 +31,6 @@ from massid.search.proposal import Role
 from massid.typing import FloatArray, IntArray
 from massid.walk.noise import SensorNoise
 
-SCHEMA = 1
 _BORDER = 1e-3
 """Distance to the border of Theta below which an estimate was stopped by it, in scales."""
 
@@ -313,95 +316,42 @@ class Result:
         """The sum of all masses asked for; None if it is not known. A log without noise leaves it no deviation."""
         return self.known_sum(Sum(tuple(self.nominal_kg), sum(self.nominal_kg.values()), 0.0))
 
-    def _interval(self, value: float, std: float | None) -> dict[str, Any]:
-        if std is None:
-            return {}
-        return {"std_kg": std, "interval95_kg": [value - INTERVAL_95 * std, value + INTERVAL_95 * std]}
+    def document(
+        self,
+        reference: ReferenceEntry | UnsetType | None = UNSET,
+        options: Settings | None = None,
+        sidecar_sha256: str | None = None,
+    ) -> Document:
+        """The result as a document, without any truth.
 
-    def _link(self, link: str, value: float) -> dict[str, Any]:
-        """One link's entry; a link that is not identifiable has no estimate, only what was known before."""
-        nominal_kg = self.nominal_kg[link]
-        if link in self.hidden_links:
-            return {
-                "nominal_kg": nominal_kg,
-                "estimate_kg": None,
-                "identifiable": False,
-                "verdict": str(Status.NOT_IDENTIFIABLE),
-            }
-        entry = self._interval(value, self.std_kg.get(link))
-        return entry | {
-            "nominal_kg": nominal_kg,
-            "estimate_kg": value,
-            "identifiable": True,
-            "verdict": "identifiable",
-        }
+        Args:
+            reference: another method's masses from the same log; None if the log is too short for it.
+            options: settings of the identification, as `IdentifyOptions.to_json` gives them.
+            sidecar_sha256: what `massid.result.sidecar.write_sidecar` returned for the file beside it.
+        """
+        return describe_result(self, reference, options, sidecar_sha256)
 
-    def _uncertainty(self) -> dict[str, Any] | None:
-        found = self.uncertainty
-        if found is None:
-            return None
-        rows = zip(found.nuisances, found.nuisance_estimate.tolist(), found.nuisance_std.tolist(), strict=True)
-        return {
-            "noise": asdict(found.noise),
-            "inflation": found.inflation,
-            "chi2_per_sample": found.chi2_per_sample,
-            "nuisances": {
-                parameter.name: {
-                    "kind": parameter.kind,
-                    "title": parameter.title,
-                    "label": parameter.label,
-                    "log": parameter.log,
-                    "unit": parameter.unit,
-                    "nominal": parameter.nominal,
-                    "estimate": value,
-                    "std": std,
-                    "prior_std": parameter.prior_std,
-                }
-                for parameter, value, std in rows
-            },
-        }
+    def table(self) -> Columns:
+        """The masses column by column, all of the same length: ``pandas.DataFrame(result.table())``.
+
+        Returns:
+            link: names.
+            nominal_kg: of the model file [kg].
+            estimate_kg: as found [kg]; nan where the log does not reveal it.
+            std_kg: standard deviation [kg]; nan there, and for a log without noise.
+            low95_kg, high95_kg: ends of the 95 % interval [kg]; nan likewise.
+            identifiable: whether the log reveals it.
+        """
+        return columns(self)
+
+    def __repr__(self) -> str:
+        return one_or_two_lines(self)
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return notebook_html(self)
 
     def to_json(self) -> dict[str, Any]:
-        """The result as plain JSON values (schema 1), without any truth."""
-        together = self.together
-        return {
-            "schema": SCHEMA,
-            "links": {link: self._link(link, value) for link, value in self.estimate_kg.items()},
-            "quantities": {quantity.name: quantity.to_json() for quantity in self.quantities},
-            "together": None
-            if together is None or together.estimate_kg is None
-            else {"estimate_kg": together.estimate_kg}
-            | self._interval(together.estimate_kg, together.std_kg if self.uncertainty else None),
-            "verdict": None if self.verdict is None else self.verdict.to_json(),
-            "validation": None if self.validation is None else self.validation.to_json(),
-            "uncertainty": self._uncertainty(),
-            "iterations": [
-                {
-                    "window": window.index,
-                    "time_s": window.time_s,
-                    "mu": float(window.mu[window.best]),
-                    "estimate_kg": self.masses_kg(window.estimate),
-                    "chi2": None if self.uncertainty is None else window.chi2,
-                    "std_kg": None if window.std is None else self.masses_kg(window.std),
-                }
-                for window in self.windows
-            ],
-            "status": str(self.status),
-            "mode": self.mode,
-            "logs": list(self.sources),
-            "warnings": list(self.warnings),
-            "wall_s": self.wall_s,
-            "log_s": self.log_s,
-        }
-
-
-def write_json(document: dict[str, Any], path: Path) -> None:
-    """Write a result document.
-
-    Raises:
-        BadInputError: the file cannot be written.
-    """
-    try:
-        path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n")
-    except OSError as error:
-        raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
+        """The document as plain JSON values."""
+        values: dict[str, Any] = plain(self.document())
+        return values

@@ -8,20 +8,16 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.result.result import SCHEMA, Result
+from massid.result.document import Document
+from massid.result.file import read_document
+from massid.result.result import Result
 from massid.typing import AnyArray
-
-DIGEST = "sidecar_sha256"
-"""Entry of the document that names its sidecar."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +25,12 @@ class StoredResult:
     """A result as read back.
 
     Attributes:
-        document: what `Result.to_json` gave.
+        document: what the result was.
         arrays: of the sidecar; empty if there is none.
         warnings: what is missing, one line each.
     """
 
-    document: dict[str, Any]
+    document: Document
     arrays: dict[str, AnyArray]
     warnings: tuple[str, ...] = ()
 
@@ -48,7 +44,7 @@ def write_sidecar(path: Path, result: Result) -> str:
     """Write what the report draws and the document does not hold.
 
     Returns:
-        The file's SHA-256, for the document's entry `DIGEST`.
+        The file's SHA-256, for the document.
 
     Raises:
         BadInputError: the file cannot be written.
@@ -82,39 +78,15 @@ def read_result(path: Path) -> StoredResult:
     """Read a result document and its sidecar.
 
     Raises:
-        BadInputError: one of them cannot be read, is something else or of another schema, holds numbers that are not
-            finite, or the sidecar is not the document's.
+        BadInputError: one of them cannot be read, the document is not what `read_document` expects, or the sidecar is
+            not the document's.
     """
-    try:
-        document = json.loads(path.read_text(), parse_constant=_finite, parse_float=_finite)
-    except OSError as error:
-        raise BadInputError(f"Cannot read {path}: {error.strerror}.") from error
-    except _NotFiniteError as error:
-        raise BadInputError(f"{path} holds the number {error}; expected finite ones.") from error
-    except (ValueError, RecursionError) as error:
-        raise BadInputError(f"{path} is not JSON; expected what massid identify --json wrote.") from error
-    if not isinstance(document, dict) or not {"links", "iterations", "logs", "status"} <= document.keys():
-        raise BadInputError(f"{path} is not a result; expected what massid identify --json wrote.")
-    schema = document.get("schema")
-    if schema != SCHEMA:
-        found = "no schema" if schema is None else f"schema {str(schema)[:40]}"
-        raise BadInputError(f"{path} has {found}; expected schema {SCHEMA}, which massid identify --json writes.")
+    document = read_document(path)
     sidecar = sidecar_path(path)
     if not sidecar.exists():
         missing = f"{sidecar} does not exist: the report lacks correlations, residuals and curves of held-out torques."
         return StoredResult(document, {}, (missing,))
-    return StoredResult(document, _read_arrays(sidecar, document.get(DIGEST), path))
-
-
-class _NotFiniteError(Exception):
-    """A number in JSON that is not finite."""
-
-
-def _finite(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise _NotFiniteError(text)
-    return value
+    return StoredResult(document, _read_arrays(sidecar, document.sidecar_sha256, path))
 
 
 def _read_arrays(sidecar: Path, digest: str | None, path: Path) -> dict[str, AnyArray]:
@@ -125,7 +97,7 @@ def _read_arrays(sidecar: Path, digest: str | None, path: Path) -> dict[str, Any
         raise BadInputError(f"Cannot read {sidecar}: {error.strerror}.") from error
     found = hashlib.sha256(content).hexdigest()
     if found != digest:
-        expected = f"expected {digest[:12]}" if isinstance(digest, str) else "which names none"
+        expected = f"expected {digest[:12]}" if digest else "which names none"
         raise BadInputError(
             f"{sidecar} is not the sidecar that was written with {path} (SHA-256 {found[:12]}, {expected}): it belongs "
             "to another result or is damaged. Remove it for a report without its charts."

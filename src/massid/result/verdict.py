@@ -6,11 +6,11 @@ import enum
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from massid.result.combinations import Combination, Sum
+from massid.result.document import CombinationEntry, VerdictEntry
 from massid.result.excitation import LARGEST_DEVIATION
 from massid.result.posterior import INTERVAL_95
 from massid.search.parameters import ParameterSpace
@@ -137,22 +137,22 @@ class Verdict:
         found += [f"what would help: {line}" for line in self.advice]
         return found
 
-    def to_json(self) -> dict[str, Any]:
-        """The verdict as plain JSON values."""
-        return {
-            "motion": str(self.facts.motion),
-            "sensors": self.sensors,
-            "predicted_std_kg": dict(zip(self.links, self.std.tolist(), strict=True)),
-            "total_std_kg": self.total_std_kg,
-            "not_identifiable": list(self.hidden + self.hidden_others),
-            "combinations": [
-                {
-                    "text": one.text,
-                    "relative_std": one.std,
-                    "relative_change": dict(zip(self.links, one.change.tolist(), strict=True)),
-                }
+    def entry(self) -> VerdictEntry:
+        """As a document holds it."""
+        return VerdictEntry(
+            motion=str(self.facts.motion),
+            sensors=self.sensors,
+            predicted_std_kg=dict(zip(self.links, self.std.tolist(), strict=True)),
+            total_std_kg=self.total_std_kg,
+            not_identifiable=list(self.hidden + self.hidden_others),
+            combinations=[
+                CombinationEntry(
+                    text=one.text,
+                    relative_std=one.std,
+                    relative_change=dict(zip(self.links, one.change.tolist(), strict=True)),
+                )
                 for one in self.combinations
             ],
-            "sums": [one.to_json() for one in self.sums],
-            "advice": list(self.advice),
-        }
+            sums=[one.entry() for one in self.sums],
+            advice=list(self.advice),
+        )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 
 import numpy as np
 
+from massid.markup import Markup, element
 from massid.typing import FloatArray
 
 WIDTH = 960.0
@@ -40,7 +40,7 @@ class Chart:
         names: Sequence[str] = (),
     ) -> None:
         self._x, self._y, self._height, self._left = _widened(x), _widened(y), height, left
-        self._parts: list[str] = []
+        self._parts: list[Markup] = []
         for tick in _ticks(*self._x) if numbered else []:
             across = self._across(tick)
             self._rule(across, _TOP, across, height - _BOTTOM, _GRID)
@@ -53,9 +53,8 @@ class Chart:
                 down = self._down(tick)
                 self._rule(left, down, WIDTH - _RIGHT, down, _GRID)
                 self._text(left - 8.0, down + 4.0, _number(tick), "end")
-        self._parts.append(
-            f'<text x="{0 if names else left:.1f}" y="13" fill="{_INK}" font-weight="600">{html.escape(title)}</text>'
-        )
+        heading = {"x": f"{0 if names else left:.1f}", "y": "13", "fill": _INK, "font_weight": "600"}
+        self._parts.append(element("text", title, **heading))
         self._text(WIDTH - _RIGHT, height - 3.0, x_label, "end")
 
     @classmethod
@@ -82,7 +81,7 @@ class Chart:
         """Fill between two lines."""
         there = [f"{self._across(a):.1f},{self._down(b):.1f}" for a, b in zip(x, high, strict=True)]
         back = [f"{self._across(a):.1f},{self._down(b):.1f}" for a, b in zip(x[::-1], low[::-1], strict=True)]
-        self._parts.append(f'<polygon fill="{colour}" fill-opacity="0.15" points="{" ".join(there + back)}"/>')
+        self._parts.append(element("polygon", fill=colour, fill_opacity="0.15", points=" ".join(there + back)))
 
     def level(self, value: float, colour: str = _SOFT, upright: bool = False) -> None:
         """Draw a straight line through the chart at a value of one axis."""
@@ -93,42 +92,29 @@ class Chart:
 
     def dot(self, x: float, y: float, colour: str, radius: float = 4.0, hollow: bool = False, hint: str = "") -> None:
         """Draw a dot, with a hint that shows when the pointer rests on it."""
-        fill = f'fill="white" stroke="{colour}" stroke-width="2"' if hollow else f'fill="{colour}"'
-        title = f"<title>{html.escape(hint)}</title>" if hint else ""
-        self._parts.append(
-            f'<circle cx="{self._across(x):.1f}" cy="{self._down(y):.1f}" r="{radius:.1f}" {fill}>{title}</circle>'
-        )
+        place = {"cx": f"{self._across(x):.1f}", "cy": f"{self._down(y):.1f}", "r": f"{radius:.1f}"}
+        look = {"fill": "white", "stroke": colour, "stroke_width": "2"} if hollow else {"fill": colour}
+        self._parts.append(element("circle", *([element("title", hint)] if hint else []), **place, **look))
 
     def bar(self, low: float, high: float, y: float, colour: str, thick: float = 3.0, opacity: float = 1.0) -> None:
         """Draw a horizontal bar: an interval, or a length from zero."""
         start, end = self._across(low), self._across(high)
-        self._parts.append(
-            f'<rect x="{start:.1f}" y="{self._down(y) - 0.5 * thick:.1f}" width="{max(end - start, 0.6):.1f}" '
-            f'height="{thick:.1f}" rx="{min(1.5, 0.5 * thick):.1f}" fill="{colour}" fill-opacity="{opacity:g}"/>'
-        )
-
-    def upright(self, x: float, low: float, high: float, colour: str, width: float = 1.5) -> None:
-        """Draw an upright interval."""
-        self._parts.append(
-            f'<line x1="{self._across(x):.1f}" x2="{self._across(x):.1f}" y1="{self._down(low):.1f}" '
-            f'y2="{self._down(high):.1f}" stroke="{colour}" stroke-width="{width:g}" stroke-opacity="0.7"/>'
-        )
+        place = {"x": f"{start:.1f}", "y": f"{self._down(y) - 0.5 * thick:.1f}", "rx": f"{min(1.5, 0.5 * thick):.1f}"}
+        size = {"width": f"{max(end - start, 0.6):.1f}", "height": f"{thick:.1f}"}
+        self._parts.append(element("rect", **place, **size, fill=colour, fill_opacity=f"{opacity:g}"))
 
     def tick(self, x: float, y: float, colour: str, size: float = 8.0) -> None:
         """Draw a short upright mark."""
         across, down = self._across(x), self._down(y)
-        self._parts.append(
-            f'<line x1="{across:.1f}" x2="{across:.1f}" y1="{down - size:.1f}" y2="{down + size:.1f}" '
-            f'stroke="{colour}" stroke-width="2"/>'
-        )
+        self._rule(across, down - size, across, down + size, colour, stroke_width="2")
 
     def note(self, x: float, y: float, text: str, colour: str = _SOFT) -> None:
         """Write beside a point."""
         self._text(self._across(x) + 8.0, self._down(y) + 4.0, text, "start", colour)
 
-    def svg(self) -> str:
+    def svg(self) -> Markup:
         """The drawing."""
-        return f'<svg viewBox="0 0 {WIDTH:g} {self._height:g}" role="img">{"".join(self._parts)}</svg>'
+        return element("svg", *self._parts, viewBox=f"0 0 {WIDTH:g} {self._height:g}", role="img")
 
     def _across(self, value: float) -> float:
         low, high = self._x
@@ -140,17 +126,16 @@ class Chart:
 
     def _polyline(self, run: Sequence[str], colour: str, width: float, dashes: str) -> None:
         if len(run) > 1:
-            dashed = f' stroke-dasharray="{dashes}"' if dashes else ""
-            self._parts.append(
-                f'<polyline fill="none" stroke="{colour}" stroke-width="{width:g}"{dashed} points="{" ".join(run)}"/>'
-            )
+            look = {"fill": "none", "stroke": colour, "stroke_width": f"{width:g}", "stroke_dasharray": dashes}
+            self._parts.append(element("polyline", **look, points=" ".join(run)))
 
-    def _rule(self, x1: float, y1: float, x2: float, y2: float, colour: str) -> None:
-        self._parts.append(f'<line x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}" stroke="{colour}"/>')
+    def _rule(self, x1: float, y1: float, x2: float, y2: float, colour: str, **look: str) -> None:
+        ends = {"x1": f"{x1:.1f}", "y1": f"{y1:.1f}", "x2": f"{x2:.1f}", "y2": f"{y2:.1f}"}
+        self._parts.append(element("line", **ends, stroke=colour, **look))
 
     def _text(self, x: float, y: float, text: str, anchor: str, colour: str = _SOFT) -> None:
         self._parts.append(
-            f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" fill="{colour}">{html.escape(text)}</text>'
+            element("text", text, x=f"{x:.1f}", y=f"{y:.1f}", text_anchor=anchor, fill=colour),
         )
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from massid.model.unknowns.sensors import WrenchOffset
+from massid.result.document import Document, NuisanceEntry
 from massid.result.posterior import INTERVAL_95
 from massid.view.chart import Chart
 from massid.view.page import HtmlPage
@@ -26,19 +26,17 @@ class _Row:
     std: float
 
 
-def write_nuisances(page: HtmlPage, document: Mapping[str, Any]) -> None:
+def write_nuisances(page: HtmlPage, document: Document) -> None:
     """Add one drawing for each kind, and a table that sums them up.
 
     Offsets of force sensors are compared with what such sensors ordinarily have: readings in the air, which a fit
     begins with, are a part of what the log taught.
     """
-    uncertainty = document.get("uncertainty") or {}
-    kinds: dict[str, list[_Row]] = {}
-    for name, entry in (uncertainty.get("nuisances") or {}).items():
-        row = _row(entry.get("label", name), entry, uncertainty.get("noise") or {})
-        kinds.setdefault(entry.get("title", "nuisances"), []).append(row)
-    if not kinds:
+    if document.uncertainty is None or not document.uncertainty.nuisances:
         return
+    kinds: dict[str, list[_Row]] = {}
+    for name, entry in document.uncertainty.nuisances.items():
+        kinds.setdefault(entry.title, []).append(_row(name, entry, document.uncertainty.noise))
     page.heading("Errors of the sensors, and what else was not asked for")
     page.paragraph(
         "Each dot is an estimate with its 95 % interval, in units of the standard deviation that was believed before; "
@@ -63,11 +61,11 @@ def write_nuisances(page: HtmlPage, document: Mapping[str, Any]) -> None:
     page.table(["", "how many", "known to half of the prior or better", "beyond three prior deviations"], rows)
 
 
-def _row(label: str, entry: Mapping[str, Any], noise: Mapping[str, float]) -> _Row:
-    centre, prior = entry.get("nominal", 0.0), entry["prior_std"]
-    if entry.get("kind") == WrenchOffset.kind and noise.get("force_offset"):
+def _row(name: str, entry: NuisanceEntry, noise: Mapping[str, float]) -> _Row:
+    centre, prior = entry.nominal, entry.prior_std
+    if entry.kind == WrenchOffset.kind and noise.get("force_offset"):
         centre, prior = 0.0, noise["force_offset"]
-    label += f" (log {entry['log']})" if entry.get("log") else ""
-    unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
-    text = f"{entry['estimate']:+.3g} ±{INTERVAL_95 * entry['std']:.2g}{unit}"
-    return _Row(label, text, (entry["estimate"] - centre) / prior, entry["std"] / prior)
+    label = (entry.label or name) + ("" if entry.log is None else f" (log {entry.log})")
+    unit = "" if entry.unit == "1" else f" {entry.unit}"
+    text = f"{entry.estimate:+.3g} ±{INTERVAL_95 * entry.std:.2g}{unit}"
+    return _Row(label, text, (entry.estimate - centre) / prior, entry.std / prior)

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from massid.result.document import Document, LinkEntry, ReferenceEntry, Setting, ValidationEntry
 from massid.result.posterior import INTERVAL_95
 from massid.result.sidecar import read_result
 from massid.typing import AnyArray, FloatArray
 from massid.view.chart import Chart
 from massid.view.colours import LINK_COLOURS
-from massid.view.document import check_document
 from massid.view.nuisances import write_nuisances
-from massid.view.page import HtmlPage
+from massid.view.page import HtmlPage, Mood
 
 _BEFORE, _AFTER, _REFERENCE, _TRUTH = "#c3ccd6", "#0a8a78", "#d9822b", "#1d2229"
 _NBSP = "\N{NO-BREAK SPACE}"
@@ -38,8 +37,7 @@ def write_report(result_path: Path, page_path: Path) -> tuple[str, ...]:
     """
     stored = read_result(result_path)
     document, arrays = stored.document, stored.arrays
-    check_document(document, result_path)
-    page = HtmlPage(f"massid: {', '.join(document['logs'])}")
+    page = HtmlPage(f"massid: {', '.join(document.logs)}")
     _head(page, document)
     _masses(page, document)
     _quantities(page, document)
@@ -54,95 +52,93 @@ def write_report(result_path: Path, page_path: Path) -> tuple[str, ...]:
     return stored.warnings
 
 
-def _head(page: HtmlPage, document: Mapping[str, Any]) -> None:
-    status = document["status"]
-    links = document["links"]
-    seen = sum(entry["identifiable"] for entry in links.values())
+def _head(page: HtmlPage, document: Document) -> None:
+    status, links = document.status, document.links
+    seen = sum(entry.identifiable for entry in links.values())
     page.paragraph(
-        f"{len(links)} links weighed from {document['log_s']:.1f} s of log, {document['mode']}, in "
-        f"{document['wall_s']:.1f} s.",
+        f"{len(links)} links weighed from {document.log_s:.1f} s of log, {document.mode}, in {document.wall_s:.1f} s.",
         soft=True,
     )
-    cards = [
+    cards: list[tuple[str, str, Mood]] = [
         (status, f"{seen} of {len(links)} links identifiable", "good" if status == "converged" else "bad"),
     ]
-    together = document.get("together") or {}
-    if "std_kg" in together:
-        half = INTERVAL_95 * together["std_kg"]
-        cards.append((f"{together['estimate_kg']:.2f} ±{half:.2f}{_NBSP}kg", "these links together, 95 %", ""))
-    validation = document.get("validation") or {}
-    weight, torques = validation.get("weight"), validation.get("torques")
-    if weight:
-        carried = f"{weight['carried_kg']:.2f} ±{INTERVAL_95 * weight['carried_std_kg']:.2g} kg"
-        half = f" ±{INTERVAL_95 * weight['found_std_kg']:.2g}" if weight["found_std_kg"] else ""
-        text = f"whole robot; the ground carried {carried}, 95 %"
-        cards.append((f"{weight['found_kg']:.2f}{half}{_NBSP}kg", text, "" if weight["agrees"] else "bad"))
-    if torques:
-        before, after = torques["rms_nominal_nm"], torques["rms_identified_nm"]
-        what = f"error of torques predicted for {validation['held_out_s']:.1f} s that were held out"
-        cards.append(
-            (
-                f"{before:.2g} → {after:.2g}{_NBSP}N{_NBSP}m",
-                what,
-                "good" if after < before else "bad",
-            )
-        )
-    if document.get("uncertainty"):
-        cards.append((f"{document['uncertainty']['chi2_per_sample']:.3f}", "χ² per sample; 1 if all is explained", ""))
+    together = document.together
+    if together and together.std_kg is not None:
+        half = INTERVAL_95 * together.std_kg
+        cards.append((f"{together.estimate_kg:.2f} ±{half:.2f}{_NBSP}kg", "these links together, 95 %", ""))
+    if document.validation:
+        cards += _checks(document.validation)
+    if document.uncertainty:
+        cards.append((f"{document.uncertainty.chi2_per_sample:.3f}", "χ² per sample; 1 if all is explained", ""))
     page.cards(cards)
-    for warning in document["warnings"]:
+    for warning in document.warnings:
         page.warning(warning)
 
 
-def _masses(page: HtmlPage, document: Mapping[str, Any]) -> None:
-    links = document["links"]
-    reference = document.get("reference")
+def _checks(validation: ValidationEntry) -> list[tuple[str, str, Mood]]:
+    """Cards of what the log itself says about the result."""
+    cards: list[tuple[str, str, Mood]] = []
+    if weight := validation.weight:
+        carried = f"{weight.carried_kg:.2f} ±{INTERVAL_95 * weight.carried_std_kg:.2g} kg"
+        half = f" ±{INTERVAL_95 * weight.found_std_kg:.2g}" if weight.found_std_kg else ""
+        text = f"whole robot; the ground carried {carried}, 95 %"
+        cards.append((f"{weight.found_kg:.2f}{half}{_NBSP}kg", text, "" if weight.agrees else "bad"))
+    if torques := validation.torques:
+        before, after = torques.rms_nominal_nm, torques.rms_identified_nm
+        what = f"error of torques predicted for {validation.held_out_s:.1f} s that were held out"
+        cards.append((f"{before:.2g} → {after:.2g}{_NBSP}N{_NBSP}m", what, "good" if after < before else "bad"))
+    return cards
+
+
+def _masses(page: HtmlPage, document: Document) -> None:
+    links, reference = document.links, document.reference or None
+    if not links:
+        return
     page.heading("Masses")
     head = ["link", "model file [kg]", "estimate [kg]", "95 % interval [kg]", "change"]
-    has_truth = any("true_kg" in entry for entry in links.values())
+    has_truth = any(entry.true_kg is not None for entry in links.values())
     head += ["least squares [kg]"] if reference else []
     head += ["true [kg]"] if has_truth else []
     rows = []
     for link, entry in links.items():
-        found, nominal = entry["estimate_kg"], entry["nominal_kg"]
+        found, nominal = entry.estimate_kg, entry.nominal_kg
         row = [link, f"{nominal:.3f}", "–" if found is None else f"{found:.3f}"]
-        row.append("{:.3f} – {:.3f}".format(*entry["interval95_kg"]) if "interval95_kg" in entry else "–")
+        row.append("{:.3f} – {:.3f}".format(*entry.interval95_kg) if entry.interval95_kg else "–")
         row.append("not identifiable" if found is None else f"{100 * (found / nominal - 1):+.1f} %")
-        row += ["–" if found is None else f"{reference['estimate_kg'][link]:.3f}"] if reference else []
-        row += [f"{entry['true_kg']:.3f}"] if has_truth else []
+        row += ["–" if found is None else f"{reference.estimate_kg[link]:.3f}"] if reference else []
+        row += ["–" if entry.true_kg is None else f"{entry.true_kg:.3f}"] if has_truth else []
         rows.append(row)
     page.table(head, rows)
     _mass_chart(page, links, reference)
 
 
-def _quantities(page: HtmlPage, document: Mapping[str, Any]) -> None:
+def _quantities(page: HtmlPage, document: Document) -> None:
     """What was asked for besides masses of links."""
-    quantities = document.get("quantities") or {}
+    quantities = document.quantities
     if not quantities:
         return
     page.heading("What else was asked for")
-    rows, has_truth = [], any("true" in entry for entry in quantities.values())
+    rows, has_truth = [], any(entry.true is not None for entry in quantities.values())
     for name, entry in quantities.items():
-        found = entry["estimate"]
-        row = [name, f"{entry['nominal']:.4f}", "not identifiable" if found is None else f"{found:.4f}"]
-        row.append("{:.4f} – {:.4f}".format(*entry["interval95"]) if "interval95" in entry else "–")
-        row += [f"{entry['true']:.4f}" if "true" in entry else "–"] if has_truth else []
-        rows.append([*row, entry["unit"]])
+        row = [name, f"{entry.nominal:.4f}", "not identifiable" if entry.estimate is None else f"{entry.estimate:.4f}"]
+        row.append("{:.4f} – {:.4f}".format(*entry.interval95) if entry.interval95 else "–")
+        row += ["–" if entry.true is None else f"{entry.true:.4f}"] if has_truth else []
+        rows.append([*row, entry.unit])
     head = ["quantity", "model file", "estimate", "95 % interval", *(["true"] if has_truth else []), "unit"]
     page.table(head, rows)
 
 
-def _mass_chart(page: HtmlPage, links: Mapping[str, Any], reference: Mapping[str, Any] | None) -> None:
+def _mass_chart(page: HtmlPage, links: Mapping[str, LinkEntry], reference: ReferenceEntry | None) -> None:
     """Each link as a share of its nominal mass, with its interval."""
     share = {}
     for link, entry in links.items():
-        nominal = entry["nominal_kg"]
-        marks = {"estimate": entry["estimate_kg"], "true": entry.get("true_kg")}
-        is_found = entry["estimate_kg"] is not None
-        marks["reference"] = reference["estimate_kg"][link] if reference and is_found else None
-        low, high = entry.get("interval95_kg", (entry["estimate_kg"],) * 2)
-        marks |= {"low": low, "high": high}
-        share[link] = {name: 100.0 * (value / nominal - 1.0) for name, value in marks.items() if value is not None}
+        found = entry.estimate_kg
+        low, high = entry.interval95_kg or (found, found)
+        other = reference.estimate_kg[link] if reference and found is not None else None
+        masses = {"estimate": found, "true": entry.true_kg, "reference": other, "low": low, "high": high}
+        share[link] = {
+            name: 100.0 * (value / entry.nominal_kg - 1.0) for name, value in masses.items() if value is not None
+        }
     values = [value for marks in share.values() for value in marks.values()] or [0.0]
     margin = 0.06 * (max(*values, 0.0) - min(*values, 0.0)) + 0.5
     ends = (min(*values, 0.0) - margin, max(*values, 0.0) + margin)
@@ -161,54 +157,51 @@ def _mass_chart(page: HtmlPage, links: Mapping[str, Any], reference: Mapping[str
     page.drawing(chart.svg())
     entries = [(_AFTER, "estimate with its 95 % interval")]
     if reference:
-        entries.append((_REFERENCE, f"reference: {reference['method']} on the same log ({_cutoff(reference)})"))
+        entries.append((_REFERENCE, f"reference: {reference.method} on the same log ({_cutoff(reference)})"))
     if any("true" in marks for marks in share.values()):
         entries.append((_TRUTH, "truth"))
     page.key(entries)
 
 
-def _cutoff(reference: Mapping[str, Any]) -> str:
-    cutoff = reference["cutoff_hz"]
-    return (
-        "unfiltered" if cutoff is None else f"cut-off {cutoff:g} Hz, the best of those tried on its own held-out part"
-    )
+def _cutoff(reference: ReferenceEntry) -> str:
+    if reference.cutoff_hz is None:
+        return "unfiltered"
+    return f"cut-off {reference.cutoff_hz:g} Hz, the best of those tried on its own held-out part"
 
 
-def _verdict(page: HtmlPage, document: Mapping[str, Any]) -> None:
-    verdict = document.get("verdict")
+def _verdict(page: HtmlPage, document: Document) -> None:
+    verdict = document.verdict
     if not verdict:
         return
     page.heading("What the log can reveal")
     page.paragraph(
-        f"Before anything was fitted: {verdict['motion']}, whole robot known to "
-        f"±{INTERVAL_95 * verdict['total_std_kg']:.2g} kg ({verdict['sensors']}). What follows ± is a 95 % "
+        f"Before anything was fitted: {verdict.motion}, whole robot known to "
+        f"±{INTERVAL_95 * verdict.total_std_kg:.2g} kg ({verdict.sensors}). What follows ± is a 95 % "
         "interval: one in twenty misses."
     )
-    lines = [
-        f"known only to ±{INTERVAL_95 * one['relative_std']:.0%}: {one['text']}" for one in verdict["combinations"]
-    ]
+    lines = [f"known only to ±{INTERVAL_95 * one.relative_std:.0%}: {one.text}" for one in verdict.combinations]
     lines += [
-        f"known all the same: {' + '.join(one['links'])} together, {one['estimate_kg']:.2f} "
-        f"±{INTERVAL_95 * one['std_kg']:.2g} kg"
-        for one in verdict["sums"]
-        if "estimate_kg" in one
+        f"known all the same: {' + '.join(one.links)} together, {one.estimate_kg:.2f} "
+        f"±{INTERVAL_95 * one.std_kg:.2g} kg"
+        for one in verdict.sums
+        if one.estimate_kg is not None
     ]
-    lines += [f"what would help: {line}" for line in verdict["advice"]]
+    lines += [f"what would help: {line}" for line in verdict.advice]
     if lines:
         page.bullets(lines)
 
 
-def _convergence(page: HtmlPage, document: Mapping[str, Any]) -> None:
-    iterations = document["iterations"]
-    links = [link for link, entry in document["links"].items() if entry["identifiable"]]
+def _convergence(page: HtmlPage, document: Document) -> None:
+    iterations = document.iterations
+    links = [link for link, entry in document.links.items() if entry.identifiable]
     if not iterations or not links:
         return
-    online = document["mode"] == "online"
+    online = document.mode == "online"
     page.heading("Convergence")
-    x = np.array([0.0, *(one["time_s"] if online else one["window"] + 1 for one in iterations)])
+    x = np.array([0.0, *(one.time_s if online else one.window + 1 for one in iterations)])
     values = {
-        link: np.array([0.0, *(one["estimate_kg"][link] for one in iterations)])
-        - np.array([0.0] + [document["links"][link]["nominal_kg"]] * len(iterations))
+        link: np.array([0.0, *(one.estimate_kg[link] for one in iterations)])
+        - np.array([0.0] + [document.links[link].nominal_kg] * len(iterations))
         for link in links
     }
     everything = np.concatenate(list(values.values()))
@@ -218,7 +211,7 @@ def _convergence(page: HtmlPage, document: Mapping[str, Any]) -> None:
     chart = Chart("estimate − model file [kg]", (0.0, float(x[-1])), ends, 300.0, x_label=unit)
     colours = {link: LINK_COLOURS[k % len(LINK_COLOURS)] for k, link in enumerate(links)}
     for link, change in values.items():
-        std = np.array([one["std_kg"][link] if one.get("std_kg") else np.nan for one in iterations])
+        std = np.array([one.std_kg[link] if one.std_kg else np.nan for one in iterations])
         if np.all(np.isfinite(std)) and len(std) > 1:
             half = INTERVAL_95 * std
             chart.band(
@@ -228,8 +221,8 @@ def _convergence(page: HtmlPage, document: Mapping[str, Any]) -> None:
         chart.line(x, change, colours[link])
     page.drawing(chart.svg())
     page.key([(colour, link) for link, colour in colours.items()])
-    if iterations[0].get("chi2") is not None:
-        chi2 = np.array([one["chi2"] for one in iterations])
+    chi2 = np.array([one.chi2 for one in iterations if one.chi2 is not None])
+    if len(chi2) == len(iterations):
         top = float(min(max(chi2.max(), 1.1), 3.0))
         name = "χ² per sample of each dwell window" if online else "χ² per sample of each pass"
         small = Chart(f"{name} (cut off at {top:.2g})", (0.0, float(x[-1])), (0.8, top), 170.0, x_label=unit)
@@ -240,22 +233,22 @@ def _convergence(page: HtmlPage, document: Mapping[str, Any]) -> None:
         page.drawing(small.svg())
 
 
-def _information(page: HtmlPage, document: Mapping[str, Any], arrays: Mapping[str, AnyArray]) -> None:
-    links = list(document["links"])
-    predicted = (document.get("verdict") or {}).get("predicted_std_kg", {})
-    if "covariance" not in arrays or not predicted:
+def _information(page: HtmlPage, document: Document, arrays: Mapping[str, AnyArray]) -> None:
+    if "covariance" not in arrays or document.verdict is None or not document.links:
         return
+    links, predicted = document.links, document.verdict.predicted_std_kg
     page.heading("Information about each link")
     page.paragraph("Standard deviations, as foreseen by the verdict and as the fit reports them.", soft=True)
-    std = {link: document["links"][link].get("std_kg") for link in links}
-    biggest = max(100.0 * value / document["links"][link]["nominal_kg"] for link, value in predicted.items())
-    biggest = max(biggest, *(100.0 * (std[link] or 0.0) / document["links"][link]["nominal_kg"] for link in links))
-    chart = Chart.of_rows("standard deviation, share of the link's mass", links, (0.0, 1.05 * biggest), "%")
-    for row, link in enumerate(links):
-        nominal = document["links"][link]["nominal_kg"]
-        chart.bar(0.0, 100.0 * predicted[link] / nominal, row - 0.17, _BEFORE, 8.0)
-        if std[link] is not None:
-            chart.bar(0.0, 100.0 * std[link] / nominal, row + 0.17, _AFTER, 8.0)
+    shares = {
+        link: (100.0 * predicted[link] / entry.nominal_kg, 100.0 * (entry.std_kg or 0.0) / entry.nominal_kg)
+        for link, entry in links.items()
+    }
+    biggest = max(max(both) for both in shares.values())
+    chart = Chart.of_rows("standard deviation, share of the link's mass", list(links), (0.0, 1.05 * biggest), "%")
+    for row, (link, (before, after)) in enumerate(shares.items()):
+        chart.bar(0.0, before, row - 0.17, _BEFORE, 8.0)
+        if links[link].std_kg is not None:
+            chart.bar(0.0, after, row + 0.17, _AFTER, 8.0)
     page.drawing(chart.svg())
     page.key([(_BEFORE, "foreseen before the fit"), (_AFTER, "reported by the fit")])
     covariance: FloatArray = arrays["covariance"]
@@ -268,30 +261,35 @@ def _information(page: HtmlPage, document: Mapping[str, Any], arrays: Mapping[st
         )
 
 
-def _held_out(page: HtmlPage, document: Mapping[str, Any], arrays: Mapping[str, AnyArray]) -> None:
-    torques = (document.get("validation") or {}).get("torques")
-    if not torques:
+def _held_out(page: HtmlPage, document: Document, arrays: Mapping[str, AnyArray]) -> None:
+    validation = document.validation
+    if validation is None or validation.torques is None or not validation.torques.joints:
         return
+    torques = validation.torques
     page.heading("Held-out joint torques")
     page.paragraph(
-        f"The last {document['validation']['held_out_s']:.1f} s of the log were not fitted. Their joint torques, "
-        f"predicted by inverse dynamics below {torques['cutoff_hz']:g} Hz, were off by "
-        f"{torques['rms_nominal_nm']:.3g} N m with the model file and by {torques['rms_identified_nm']:.2g} N m with "
+        f"The last {validation.held_out_s:.1f} s of the log were not fitted. Their joint torques, "
+        f"predicted by inverse dynamics below {torques.cutoff_hz:g} Hz, were off by "
+        f"{torques.rms_nominal_nm:.3g} N m with the model file and by {torques.rms_identified_nm:.2g} N m with "
         "what was found."
     )
-    joints = sorted(torques["joints"], key=lambda joint: -torques["joints"][joint]["rms_nominal_nm"])[:_CHANNELS]
-    biggest = max(max(torques["joints"][joint].values()) for joint in joints)
+    joints = sorted(torques.joints, key=lambda joint: -torques.joints[joint].rms_nominal_nm)[:_CHANNELS]
+    shown = [torques.joints[joint] for joint in joints]
+    biggest = max(max(one.rms_nominal_nm, one.rms_identified_nm) for one in shown)
     chart = Chart.of_rows("root mean square error", joints, (0.0, 1.05 * biggest), "N m", 22.0)
-    for row, joint in enumerate(joints):
-        chart.bar(0.0, torques["joints"][joint]["rms_nominal_nm"], row - 0.17, _BEFORE, 6.5)
-        chart.bar(0.0, torques["joints"][joint]["rms_identified_nm"], row + 0.17, _AFTER, 6.5)
+    for row, one in enumerate(shown):
+        chart.bar(0.0, one.rms_nominal_nm, row - 0.17, _BEFORE, 6.5)
+        chart.bar(0.0, one.rms_identified_nm, row + 0.17, _AFTER, 6.5)
     page.drawing(chart.svg())
     page.key([(_BEFORE, "with the model file"), (_AFTER, "with the masses found")])
-    if "torque_measured" not in arrays:
-        return
-    names = list(torques["joints"])
+    if "torque_measured" in arrays:
+        _torque_curves(page, joints[:_CURVES], list(torques.joints), arrays)
+
+
+def _torque_curves(page: HtmlPage, joints: Sequence[str], names: Sequence[str], arrays: Mapping[str, AnyArray]) -> None:
+    """Measured and predicted torques of some joints; names are those of the columns."""
     time_s = arrays["torque_time_s"]
-    for joint in joints[:_CURVES]:
+    for joint in joints:
         column = names.index(joint)
         measured, nominal, found = (
             arrays[f"torque_{name}"][:, column] for name in ("measured", "nominal", "identified")
@@ -306,7 +304,7 @@ def _held_out(page: HtmlPage, document: Mapping[str, Any], arrays: Mapping[str, 
     page.key([(_TRUTH, "measured"), ("#9aa7b5", "predicted with the model file"), ("#2bc4ae", "with the masses found")])
 
 
-def _residuals(page: HtmlPage, document: Mapping[str, Any], arrays: Mapping[str, AnyArray]) -> None:
+def _residuals(page: HtmlPage, document: Document, arrays: Mapping[str, AnyArray]) -> None:
     if "residual_channels" not in arrays:
         return
     page.heading("Residuals by channel")
@@ -331,9 +329,9 @@ def _residuals(page: HtmlPage, document: Mapping[str, Any], arrays: Mapping[str,
     )
 
 
-def _settings(page: HtmlPage, document: Mapping[str, Any]) -> None:
+def _settings(page: HtmlPage, document: Document) -> None:
     """The options and the noise that was assumed."""
-    options, noise = document.get("options") or {}, (document.get("uncertainty") or {}).get("noise") or {}
+    options, noise = document.options or {}, document.uncertainty.noise if document.uncertainty else {}
     if not (options or noise):
         return
     page.heading("Options and assumed noise")
@@ -342,6 +340,9 @@ def _settings(page: HtmlPage, document: Mapping[str, Any]) -> None:
         read = "white levels read off the log, offsets and gains as in realistic" if asked == "auto" else "the preset"
         page.paragraph(f"--noise {asked}: {read}. Standard deviations, white ones per sample, in SI units.", soft=True)
         page.table(["sensor error", "deviation"], [[name, f"{value:.3g}"] for name, value in noise.items()])
-    plain = {name: value for name, value in options.items() if not isinstance(value, dict)}
-    plain |= {f"search {name}": value for name, value in (options.get("search") or {}).items()}
+    plain: dict[str, Setting] = {}
+    for name, value in options.items():
+        plain |= (
+            {f"{name} {inner}": each for inner, each in value.items()} if isinstance(value, dict) else {name: value}
+        )
     page.table(["option", "value"], [[name.replace("_", "-"), str(value)] for name, value in plain.items()])

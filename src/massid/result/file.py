@@ -1,0 +1,102 @@
+"""A result document on disk: indented JSON, and every entry of it checked when it is read back."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from massid.errors import BadInputError
+from massid.result.document import SCHEMA, Document
+from massid.result.explanation import explain, missing
+
+_MARKS = {"links", "iterations", "logs", "status"}
+"""Entries by which a result is told from other JSON."""
+
+
+def plain(value: Any) -> Any:
+    """A document, or anything made of such types, as plain JSON values."""
+    return msgspec.to_builtins(value, enc_hook=_number)
+
+
+def write_json(value: Any, path: Path) -> None:
+    """Write a document, or anything else that is made of JSON values.
+
+    Raises:
+        BadInputError: the file cannot be written.
+        ValueError: a number is not finite; JSON has none such, and msgspec would write null for it.
+    """
+    try:
+        path.write_text(json.dumps(plain(value), indent=2, allow_nan=False) + "\n")
+    except OSError as error:
+        raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
+
+
+def read_document(path: Path) -> Document:
+    """Read what `write_json` wrote of a result.
+
+    Raises:
+        BadInputError: it cannot be read, is something else or of another schema, lacks an entry, or has one of another
+            kind or a number that is not finite.
+    """
+    entries = _parse(path)
+    if not isinstance(entries, dict) or not entries.keys() >= _MARKS:
+        raise BadInputError(f"{path} is not a result; expected what massid identify --json wrote.")
+    schema = entries.get("schema")
+    if schema != SCHEMA:
+        found = "no schema" if schema is None else f"schema {str(schema)[:40]}"
+        raise BadInputError(f"{path} has {found}; expected schema {SCHEMA}, which massid identify --json writes.")
+    try:
+        document = msgspec.convert(entries, Document)
+    except msgspec.ValidationError as error:
+        raise BadInputError(explain(error, entries, Document, str(path))) from error
+    _check_links(document, path)
+    return document
+
+
+def _parse(path: Path) -> Any:
+    """JSON as plain values, all of them finite; the standard library's reader can name a number that is not."""
+    try:
+        return json.loads(path.read_text(), parse_constant=_finite, parse_float=_finite)
+    except OSError as error:
+        raise BadInputError(f"Cannot read {path}: {error.strerror}.") from error
+    except _NotFiniteError as error:
+        raise BadInputError(f"{path} holds the number {error}; expected finite ones.") from error
+    except (ValueError, RecursionError) as error:
+        raise BadInputError(f"{path} is not JSON; expected what massid identify --json wrote.") from error
+
+
+class _NotFiniteError(Exception):
+    """A number in JSON that is not finite."""
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise _NotFiniteError(text)
+    return value
+
+
+def _check_links(document: Document, path: Path) -> None:
+    """Pass if whatever has a number for each link has one for every link."""
+    rows = {f"/iterations/{k}/estimate_kg": one.estimate_kg for k, one in enumerate(document.iterations)}
+    rows |= {f"/iterations/{k}/std_kg": one.std_kg for k, one in enumerate(document.iterations) if one.std_kg}
+    if document.verdict:
+        rows["/verdict/predicted_std_kg"] = document.verdict.predicted_std_kg
+    if document.reference:
+        rows["/reference/estimate_kg"] = document.reference.estimate_kg
+    for where, row in rows.items():
+        for link in document.links:
+            if link not in row:
+                raise BadInputError(missing(str(path), where, link, row))
+
+
+def _number(value: Any) -> Any:
+    """What numpy computed, as Python's own number."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} is no JSON value")
