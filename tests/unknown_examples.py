@@ -44,7 +44,7 @@ LAGS = (EffortLag(**nuisance(5e-4)), WrenchLag(**nuisance(5e-4)))
 class CommonGain(Unknown):
     """Relative error of all torque sensors alike, as of a wrong torque constant in a driver that they share."""
 
-    kind = "common_gain"
+    kind = "shared_gain"
     title = "common gain of the torque sensors"
     per_walk = True
 

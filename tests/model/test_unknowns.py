@@ -48,7 +48,7 @@ def test_what_is_asked_for_by_its_name_has_it(name: str) -> None:
 
 def test_a_users_own_kind_is_asked_for_like_the_others() -> None:
     assert CommonGain.kind in kinds()
-    assert parameter_space(ROBOT, ["torso"], ["common_gain/all"]).parameters[-1] == COMMON_GAIN
+    assert parameter_space(ROBOT, ["torso"], ["shared_gain/all"]).parameters[-1] == COMMON_GAIN
 
 
 @pytest.mark.parametrize(("text", "count"), [("com/torso", 3), ("inertia/torso", 6), ("wrench_gain/l_foot", 6)])

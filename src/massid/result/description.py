@@ -83,18 +83,18 @@ def _uncertainty(found: Uncertainty) -> UncertaintyEntry:
         inflation=found.inflation,
         chi2_per_sample=found.chi2_per_sample,
         nuisances={
-            unknown.name: NuisanceEntry(
-                unit=unknown.unit,
-                nominal=unknown.nominal,
+            parameter.name: NuisanceEntry(
+                unit=parameter.unit,
+                nominal=parameter.nominal,
                 estimate=value,
                 std=std,
-                prior_std=unknown.prior_std or unknown.scale,  # a nuisance has both, and they are one
-                kind=unknown.kind,
-                title=unknown.title,
-                label=unknown.label,
-                log=unknown.log,
+                prior_std=parameter.prior_std or parameter.scale,  # a nuisance has both, and they are one
+                kind=parameter.kind,
+                title=parameter.title,
+                label=parameter.label,
+                log=parameter.log,
             )
-            for unknown, value, std in rows
+            for parameter, value, std in rows
         },
     )
 

@@ -200,7 +200,7 @@ class ValidationEntry(Struct, frozen=True, kw_only=True):
     weight: WeightEntry | None
 
 
-class NuisanceEntry(Struct, frozen=True, kw_only=True):
+class NuisanceEntry(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """One number that was estimated without being asked for: an error of a sensor, the mass of another link.
 
     Attributes:
@@ -209,10 +209,10 @@ class NuisanceEntry(Struct, frozen=True, kw_only=True):
         estimate: as found.
         std: standard deviation.
         prior_std: standard deviation that was believed before.
-        kind: the word before the slash of its name, such as "wrench_offset".
-        title: what several of the kind are called.
-        label: where it sits, as a reader would say it, such as "l_foot force x"; None for what its name says.
-        log: number of the log, from 1, that it belongs to; None if there is but one, or it belongs to all.
+        kind: of unknown, such as "effort_offset".
+        title: what all of its kind are called together.
+        label: what it belongs to, for people.
+        log: number of the log that it belongs to, of several; None if it is common to them, or there is one.
     """
 
     unit: str
@@ -220,8 +220,8 @@ class NuisanceEntry(Struct, frozen=True, kw_only=True):
     estimate: float
     std: float
     prior_std: Positive
-    kind: str = ""
-    title: str = "nuisances"
+    kind: str | None = None
+    title: str | None = None
     label: str | None = None
     log: int | None = None
 

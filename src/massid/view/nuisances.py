@@ -36,7 +36,8 @@ def write_nuisances(page: HtmlPage, document: Document) -> None:
         return
     kinds: dict[str, list[_Row]] = {}
     for name, entry in document.uncertainty.nuisances.items():
-        kinds.setdefault(entry.title, []).append(_row(name, entry, document.uncertainty.noise))
+        row = _row(entry.label or name, entry, document.uncertainty.noise)
+        kinds.setdefault(entry.title or "nuisances", []).append(row)
     page.heading("Errors of the sensors, and what else was not asked for")
     page.paragraph(
         "Each dot is an estimate with its 95 % interval, in units of the standard deviation that was believed before; "
@@ -61,11 +62,11 @@ def write_nuisances(page: HtmlPage, document: Document) -> None:
     page.table(["", "how many", "known to half of the prior or better", "beyond three prior deviations"], rows)
 
 
-def _row(name: str, entry: NuisanceEntry, noise: Mapping[str, float]) -> _Row:
+def _row(label: str, entry: NuisanceEntry, noise: Mapping[str, float]) -> _Row:
     centre, prior = entry.nominal, entry.prior_std
     if entry.kind == WrenchOffset.kind and noise.get("force_offset"):
         centre, prior = 0.0, noise["force_offset"]
-    label = (entry.label or name) + ("" if entry.log is None else f" (log {entry.log})")
+    label += f" (log {entry.log})" if entry.log else ""
     unit = "" if entry.unit == "1" else f" {entry.unit}"
     text = f"{entry.estimate:+.3g} ±{INTERVAL_95 * entry.std:.2g}{unit}"
     return _Row(label, text, (entry.estimate - centre) / prior, entry.std / prior)
