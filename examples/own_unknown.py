@@ -1,4 +1,4 @@
-"""An unknown of one's own, handed in as an object: one gain that all torque sensors share, beside the links' masses.
+"""An unknown of one's own: a wrong torque constant that all drives share. Its class says what it writes and does.
 
 python examples/own_unknown.py
 """
@@ -15,29 +15,30 @@ from massid.model.unknowns.unknown import Effect, Unknown
 
 
 @dataclass(frozen=True)
-class CommonGain(Unknown):
-    """Relative error of all torque sensors alike, as of a wrong torque constant in the drivers."""
+class TorqueConstant(Unknown):
+    """Relative error of all torque readings alike."""
 
-    kind = "common_gain"
-    title = "common gain of the torque sensors"
-    per_walk = True
+    kind = "torque_constant"
+    title = "error of the torque constant"
+    per_walk = True  # an error of sensors, not of the robot
 
     def write(self, draft: Draft, values: np.ndarray) -> None:
-        """Into the sensors of N models, shape (N,)."""
+        """Into the gains of all joints' torque sensors, one value for each model."""
         draft.sensors.effort_gain[:] += values[:, None]
 
     def effect(self, motion: Motion, channels: Channels) -> Effect:
-        """The same readings mean less torque; not needed where logs have no noise and nothing is judged before."""
+        """What a unit more of it does along a motion: for noisy logs, and for least squares."""
         return Effect(force=-motion.effort)
 
 
 def main() -> massid.Result:
-    """Weigh the sample walk's robot with torques that read 3 % too much."""
+    """Weigh a robot whose drives report 5 % too much torque."""
     walk = massid.read_walk(massid.sample_walk())
-    walk = replace(walk, effort=1.03 * walk.effort)
-    gain = CommonGain(nominal=0.0, lower=-0.2, upper=0.2, scale=0.02)
-    result = massid.weigh(walk, robot="atlas", unknowns=[gain])
-    print(f"torso {result.estimate_kg['torso']:.3f} kg, gain {result.quantities[0].estimate:+.4f}")
+    spoilt = replace(walk, effort=1.05 * walk.effort)
+    constant = TorqueConstant(nominal=0.0, lower=-0.5, upper=0.5, scale=0.05)
+    result = massid.weigh(spoilt, "atlas", unknowns=[constant], checks=False)
+    print({link: round(mass_kg, 2) for link, mass_kg in result.estimate_kg.items()})
+    print(f"torque constant: {result.quantities[0].estimate:+.4f}")
     return result
 
 

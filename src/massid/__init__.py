@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from massid.errors import MassidError
     from massid.identify import IdentifyOptions, OnlineIdentifier
     from massid.log import TopicMap, load_topics, read_walk, write_walk
+    from massid.model import unknowns
     from massid.model.robot import Robot
     from massid.model.unknowns.spaces import mass_space, parameter_space
+    from massid.model.unknowns.unknown import Effect, Unknown
     from massid.observer.sensors import ExactSensors, NoisySensors
     from massid.plant import record_walk
     from massid.result import Result, Status, WindowResult
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from massid.weighing import Weighing, weigh
 
 _HOMES = {
+    "Effect": "model.unknowns.unknown",
     "ExactSensors": "observer.sensors",
     "IdentifyOptions": "identify",
     "MassidError": "errors",
@@ -39,6 +42,7 @@ _HOMES = {
     "Segment": "walk",
     "Status": "result",
     "TopicMap": "log",
+    "Unknown": "model.unknowns.unknown",
     "Walk": "walk",
     "Weighing": "weighing",
     "WindowResult": "result",
@@ -49,12 +53,14 @@ _HOMES = {
     "record_walk": "plant",
     "sample_walk": "assets",
     "shipped_models": "assets",
+    "unknowns": "model",
     "weigh": "weighing",
     "write_walk": "log",
 }
 """Where each name of the package's face lives."""
 
 __all__ = [
+    "Effect",
     "ExactSensors",
     "IdentifyOptions",
     "MassidError",
@@ -67,6 +73,7 @@ __all__ = [
     "Segment",
     "Status",
     "TopicMap",
+    "Unknown",
     "Walk",
     "Weighing",
     "WindowResult",
@@ -78,6 +85,7 @@ __all__ = [
     "record_walk",
     "sample_walk",
     "shipped_models",
+    "unknowns",
     "weigh",
     "write_walk",
 ]
