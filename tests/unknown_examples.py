@@ -44,9 +44,13 @@ LAGS = (EffortLag(**nuisance(5e-4)), WrenchLag(**nuisance(5e-4)))
 class CommonGain(Unknown):
     """Relative error of all torque sensors alike, as of a wrong torque constant in a driver that they share."""
 
-    kind = "common_gain"
+    kind = "shared_gain"
     title = "common gain of the torque sensors"
     per_walk = True
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> list[CommonGain]:
+        return [cls(nominal=0.0, lower=-0.5, upper=0.5, scale=0.05)]
 
     def write(self, draft: Draft, values: FloatArray) -> None:
         draft.sensors.effort_gain[:] += values[:, None]

@@ -96,6 +96,18 @@ def test_centre_of_mass_and_payload_have_rows_with_units(
         assert entry["estimate"] == pytest.approx(entry["nominal"], abs=1e-6)
 
 
+def test_any_kind_of_unknown_can_be_asked_for(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    asked = ("--friction", "l_knee", "--unknown", "stiffness/r_ankle", "effort_gain/l_knee", "com/torso/x")
+    options = ("--links", ROBOT_LINKS, "--dwell-s", "0.25", "--json", str(tmp_path / "r.json"))
+    assert identify(folder, *options, *asked) == 0
+    quantities = json.loads((tmp_path / "r.json").read_text())["quantities"]
+    assert list(quantities) == ["friction/l_knee", "stiffness/r_ankle", "effort_gain/l_knee", "com/torso/x"]
+    for entry in quantities.values():
+        assert entry["estimate"] == pytest.approx(entry["nominal"], abs=1e-6)
+    assert identify(folder, *options, "--unknown", "colour/torso") == 2
+    assert "expected KIND/TARGET, with a kind out of mass, com" in capsys.readouterr().err
+
+
 def test_without_truth_nothing_true_is_printed(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,6 +14,7 @@ from massid.errors import BadInputError
 from massid.model.unknowns.spaces import parameter_space
 from massid.model.unknowns.unknown import Unknown, nuisance
 from massid.result import Status
+from massid.result.quantities import describe
 from massid.search.guided import enough_models
 from massid.typing import FloatArray
 from massid.walk import Walk
@@ -105,10 +106,19 @@ def test_it_is_a_nuisance_beside_the_others(pushed: Pushed, log: tuple[Walk, Flo
     assert found is not None
     assert np.all(np.abs(result.estimate - truth) < 4.0 * found.std)
     names = [unknown.name for unknown in found.nuisances]
-    assert names == ["common_gain/all", *(f"inertia_scale/{link}" for link in LINKS)]
+    assert names == ["shared_gain/all", *(f"inertia_scale/{link}" for link in LINKS)]
     assert found.nuisance_estimate[0] == pytest.approx(GAIN, abs=min(4.0 * found.nuisance_std[0], 0.2 * GAIN))
-    entry = result.to_json()["uncertainty"]["nuisances"]["common_gain/all"]
+    entry = result.to_json()["uncertainty"]["nuisances"]["shared_gain/all"]
     assert (entry["title"], entry["label"], entry["log"]) == (CommonGain.title, "all", None)
+
+
+def test_what_follows_from_it_is_reported(pushed: Pushed) -> None:
+    """Moments of inertia belong to the mass that the body has, whoever gave it."""
+    space = parameter_space(pushed.robot, ["torso"], [TWIN_CALVES, "inertia/l_calf"])
+    point = space.nominal * np.where(np.array(space.names) == TWIN_CALVES.name, 2.0, 1.0)
+    found = describe(pushed.robot, space, point, None, np.ones(len(space), dtype=np.bool_))
+    moments = [one for one in found if one.name.startswith("inertia/")]
+    np.testing.assert_allclose([one.estimate for one in moments], [2.0 * one.nominal for one in moments])
 
 
 def test_least_squares_have_a_row_of_it(pushed: Pushed, log: tuple[Walk, FloatArray]) -> None:
@@ -122,7 +132,7 @@ def test_least_squares_have_a_row_of_it(pushed: Pushed, log: tuple[Walk, FloatAr
 def test_several_walks_have_errors_of_their_own(pushed: Pushed, log: tuple[Walk, FloatArray]) -> None:
     walk, _ = log
     options = IdentifyOptions(noise="clean", bank_size=enough_models(8))
-    with pytest.raises(BadInputError, match="common_gain/all: a sensor's error is another one in every walk"):
+    with pytest.raises(BadInputError, match="shared_gain/all: a sensor's error is another one in every walk"):
         weigh([walk, walk], pushed.robot, LINKS, unknowns=[COMMON_GAIN], options=options)
     measured = Sensors(PRESETS["white"], 8, walk.contact_bodies, np.random.default_rng(2)).measure(walk)
     pair = [_torques_too_large(measured), measured]
@@ -130,5 +140,5 @@ def test_several_walks_have_errors_of_their_own(pushed: Pushed, log: tuple[Walk,
     gain = CommonGain(**nuisance(0.05))
     found = weigh(pair, pushed.robot, LINKS, unknowns=[gain], options=options, held_out=0.0, mode="offline").uncertainty
     assert found is not None
-    assert [unknown.name for unknown in found.nuisances] == ["common_gain/all@1", "common_gain/all@2"]
+    assert [unknown.name for unknown in found.nuisances] == ["shared_gain/all@1", "shared_gain/all@2"]
     np.testing.assert_allclose(found.nuisance_estimate, [GAIN, 0.0], atol=0.01)

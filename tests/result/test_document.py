@@ -83,7 +83,7 @@ def test_what_is_unknown_is_null_or_left_out() -> None:
 def test_a_later_version_may_say_more(tmp_path: Path) -> None:
     written = plain(document())
     written["surprise"] = {"depth": [1]}
-    written["uncertainty"]["nuisances"]["effort_offset/knee"] |= {"title": "torque offsets", "log": None}
+    written["uncertainty"]["nuisances"]["effort_offset/knee"] |= {"drift": 0.1}
     write_json(written, tmp_path / "r.json")
     assert read_document(tmp_path / "r.json") == document()
 

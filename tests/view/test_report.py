@@ -44,6 +44,16 @@ def test_the_page_is_whole_and_hides_what_was_not_found(tmp_path: Path) -> None:
         assert text in page, text
 
 
+def test_a_document_from_before_nuisances_had_labels_shows_their_names(tmp_path: Path) -> None:
+    written = plain(document()) | {"sidecar_sha256": None}
+    for entry in written["uncertainty"]["nuisances"].values():
+        for name in ("kind", "title", "label", "log"):
+            entry.pop(name, None)
+    write_json(written, tmp_path / "old.json")
+    write_report(tmp_path / "old.json", tmp_path / "r.html")
+    assert "effort_offset/knee +0.1 ±0.78 N m" in (tmp_path / "r.html").read_text()
+
+
 def _swap(sidecar: Path) -> None:
     _store(sidecar.with_name("other.json"), document(), (0.02, 1.0))
     sidecar.with_name("other.npz").replace(sidecar)

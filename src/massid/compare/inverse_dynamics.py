@@ -13,7 +13,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from massid.model.draft import Draft
+from massid.model.draft import alone
 from massid.model.inverse import DiscreteInverseDynamics
 from massid.model.motion import Motion
 from massid.model.robot import Robot
@@ -49,7 +49,8 @@ class InverseDynamics:
     def __init__(self, robot: Robot, space: ParameterSpace, contact_bodies: Sequence[str], timestep_s: float) -> None:
         self._robot, self._space, self._contact_bodies = robot, space, tuple(contact_bodies)
         self._unknowns, self._channels = unknowns_of(space), robot.channels(contact_bodies)
-        self._in_model = np.array([self._changes_model(unknown) for unknown in self._unknowns])
+        drafts = [alone(self._channels, unknown) for unknown in self._unknowns]
+        self._in_model = np.array([draft.sensors_written is None for draft in drafts])
         self._timestep_s = timestep_s
         self._model = self._model_at(space.nominal)
 
@@ -84,10 +85,6 @@ class InverseDynamics:
             else:
                 out[:, :, column] = self._of_sensor(unknown, motion, nominal, applied)
         return out
-
-    def _changes_model(self, unknown: Unknown) -> bool:
-        """Whether it writes to the model alone and to no sensor."""
-        return Draft(self._channels, (unknown,), np.array([[unknown.nominal]])).sensors_written is None
 
     def _of_sensor(self, unknown: Unknown, motion: Motion, nominal: FloatArray, applied: FloatArray) -> FloatArray:
         """Forces that a sensor leaves unexplained per unit of its error, shape (n, nv)."""

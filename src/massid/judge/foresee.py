@@ -26,10 +26,11 @@ from massid.identify.progress import Progress, silent
 from massid.judge.advice import advise
 from massid.judge.motion import observe_motion
 from massid.judge.smoothing import balanced, smoothed
+from massid.model.draft import alone
+from massid.model.realisation import FRICTION_LOSS
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import Mass
-from massid.model.unknowns.joints import FrictionLoss
-from massid.model.unknowns.unknown import adds_mass
+from massid.model.unknowns.unknown import adds_mass, unknowns_of
 from massid.observer.blas import single_threaded
 from massid.observer.sensors import ExactSensors, NoisySensors
 from massid.result.combinations import known_sums, open_combinations
@@ -74,7 +75,9 @@ def foresee(
     is_reference = isinstance(logs[0].sensors, ExactSensors)
     if is_reference:
         # What a clean log tells of friction, in joints that surely slide or stick, is judged after the fit.
-        asked = ParameterSpace(tuple(one for one in asked.parameters if not isinstance(one, FrictionLoss)))
+        channels = robot.channels(logs[0].walk.contact_bodies)
+        told = [one for one in unknowns_of(asked) if FRICTION_LOSS not in alone(channels, one).fields_written]
+        asked = ParameterSpace(tuple(told))
         sensors = NoisySensors(PRESETS[REFERENCE])
         logs = [prepare_log(log.walk, robot, asked, sensors, options) for log in logs]
     logs = tuple(replace(log, space=_all_tangent(log.space)) for log in logs)

@@ -123,7 +123,8 @@ class Draft:
         self._n = len(points)
         self._fields: dict[str, FloatArray] = {}
         self._sensors: SensorErrors | None = None
-        for self._writer, (unknown, values) in enumerate(zip(unknowns, points.T, strict=True)):
+        for column, (unknown, values) in enumerate(zip(unknowns, points.T, strict=True)):
+            self._writer = column
             unknown.write(self, values)
 
     def field(self, name: str) -> FloatArray:
@@ -175,6 +176,11 @@ class Draft:
             fields["body_mass"][:, number], fields["body_inertia"][:, number] = frame.mass, frame.moments
             fields["body_ipos"][:, number], fields["body_iquat"][:, number] = frame.centre, frame.quaternion
         return {**fields, **self._fields}
+
+
+def alone(channels: Channels, unknown: Unknown) -> Draft:
+    """What one unknown writes at its nominal value."""
+    return Draft(channels, (unknown,), np.array([[unknown.nominal]]))
 
 
 def realise(channels: Channels, unknowns: Sequence[Unknown], points: FloatArray) -> Realisation:

@@ -14,7 +14,8 @@ import numpy as np
 from massid.model.draft import Draft
 from massid.model.inertia import inertial_frame
 from massid.model.robot import Robot
-from massid.model.unknowns.bodies import AXES, BodyUnknown, Inertia, Mass
+from massid.model.unknowns.bodies import AXES, Inertia, Mass
+from massid.model.unknowns.unknown import unknowns_of
 from massid.result.document import QuantityEntry
 from massid.result.posterior import interval_95
 from massid.search.parameters import ParameterSpace
@@ -117,10 +118,10 @@ def _moments(
     identifiable: bool,
 ) -> list[Quantity]:
     """Principal moments of a link about its centre of mass, smallest first; payloads do not belong to it."""
-    own = {k: p for k, p in enumerate(space.parameters) if isinstance(p, BodyUnknown) and p.body == body}
+    in_model = {k: unknown for k, unknown in enumerate(unknowns_of(space)) if not unknown.per_walk}
 
     def moments(points: FloatArray) -> FloatArray:
-        draft = Draft(robot.channels(), tuple(own.values()), points[:, list(own)])
+        draft = Draft(robot.channels(), tuple(in_model.values()), points[:, list(in_model)])
         return np.sort(inertial_frame(draft.bodies[body].link()).moments, axis=1)
 
     nominal, value = moments(np.vstack([space.nominal, estimate]))

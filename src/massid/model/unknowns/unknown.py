@@ -93,17 +93,17 @@ class Unknown(Parameter, ABC):
     log: int | None = None
 
     def __init_subclass__(cls) -> None:
-        """Register a class that has a kind of its own; defined once more, it takes its own place.
+        """Register a class that has a kind of its own; a user's own may be defined once more, as in a notebook.
 
         Raises:
-            BadInputError: another class has the kind.
+            BadInputError: a class of this package has the kind.
         """
         kind = cls.__dict__.get("kind")
         if kind is None:
             return
-        other = KINDS.get(kind, cls)
-        if (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):
-            raise BadInputError(f"{cls.__qualname__}: unknowns of kind '{kind}' are {other.__qualname__} already.")
+        package, taken = __name__.partition(".")[0], KINDS.get(kind)
+        if taken is not None and taken.__module__.startswith(f"{package}."):
+            raise BadInputError(f"{cls.__qualname__}: unknowns of kind '{kind}' are {taken.__qualname__} already.")
         KINDS[kind] = cls
 
     def __post_init__(self) -> None:
