@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,14 +14,14 @@ from massid.errors import BadInputError, LogError
 from massid.identify import IdentifyOptions, OnlineIdentifier
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
-from massid.result import Status
+from massid.result import Result, Status
 from massid.result.excitation import assess_excitation
 from massid.result.file import plain
 from massid.score import Truth, score, with_score
 from massid.search.guided import SearchOptions
 from massid.walk import Segment, Walk
 from tests.conftest import Pushed
-from tests.pushed_robot import LINKS, draw_truth, make_robot, push_about
+from tests.pushed_robot import LINKS, draw_truth, fly_about, make_robot, push_about
 from tests.weighed import weigh_offline, weigh_online
 
 SHORT = IdentifyOptions(dwell_s=0.25)
@@ -41,6 +42,28 @@ def test_offline_finds_them_in_one_window_of_data(pushed: Pushed) -> None:
     result = weigh_offline(_cut(pushed.walk, 510), pushed.robot, pushed.space, replace(SHORT, dwell_s=0.5))
     assert result.status is Status.CONVERGED
     assert np.linalg.norm(result.estimate - pushed.truth) < 1e-6
+
+
+@pytest.mark.parametrize("weigh", [weigh_online, weigh_offline])
+def test_a_log_that_is_solved_to_its_own_floor_has_converged(weigh: Callable[..., Result], pushed: Pushed) -> None:
+    """Torques off by a millionth, as an engine's tolerance leaves them: no step gets below what that does to masses."""
+    rng = np.random.default_rng(0)
+    walk = replace(pushed.walk, effort=pushed.walk.effort + 1e-4 * rng.normal(size=pushed.walk.effort.shape))
+    result = weigh(walk, pushed.robot, pushed.space, SHORT)
+    assert result.status is Status.CONVERGED
+    error = np.linalg.norm(result.estimate - pushed.truth)
+    assert 1e-6 < error < 0.01  # kg
+
+
+def test_a_stream_goes_on_until_it_has_shown_every_link(pushed: Pushed) -> None:
+    """A robot that falls stiffly is explained by any masses; the walk after it shows them."""
+    falling = fly_about(pushed.robot, pushed.space, pushed.truth, seconds=0.6, amplitude=0.0)
+    fell = weigh_online(falling, pushed.robot, pushed.space, SHORT)
+    assert fell.status is Status.NOT_IDENTIFIABLE
+    walked = weigh_online([falling, pushed.walk], pushed.robot, pushed.space, SHORT)
+    assert walked.status is Status.CONVERGED
+    assert len(walked.windows) > len(fell.windows)
+    assert np.linalg.norm(walked.estimate - pushed.truth) < 1e-6
 
 
 def test_the_papers_direction_gets_closer_in_every_few_windows(pushed: Pushed) -> None:

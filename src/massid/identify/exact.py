@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,8 +17,12 @@ from massid.search.monitoring import Monitoring
 from massid.search.offline import UntilConverged
 from massid.search.parameters import ParameterSpace
 from massid.search.quadratic import LocalQuadratic
+from massid.typing import FloatArray
 from massid.walk import Walk
 
+FLOOR_SHARE = 0.2
+"""A step that would lower mu by less than this share of what it leaves is within what the log itself leaves open. Errors
+are correlated for as long as the injection takes, so a few parameters explain some percent of any window's."""
 LARGEST_REST = 1e-3
 """Share of the links' masses that may stay unexplained."""
 MARGIN = 10.0
@@ -32,8 +37,8 @@ class ExactInference:
         return ParameterSpace(asked.parameters[: asked.n_sampled])
 
     def search_options(self, options: SearchOptions) -> SearchOptions:
-        """As they are."""
-        return options
+        """With an end at the log's own floor: engines solve contacts to a tolerance, and logs are rounded."""
+        return replace(options, floor_share=options.floor_share or FLOOR_SHARE)
 
     def prior(self, space: ParameterSpace) -> LocalQuadratic | None:
         """None."""
@@ -43,9 +48,9 @@ class ExactInference:
         """All windows, until the search has converged."""
         return UntilConverged()
 
-    def learning(self, space: ParameterSpace, options: IdentifyOptions) -> ExactLearning:
+    def learning(self, space: ParameterSpace, options: IdentifyOptions, timestep_s: float) -> ExactLearning:
         """Hessians of all windows."""
-        return ExactLearning(space)
+        return ExactLearning(space, timestep_s)
 
     def deviations(self, space: ParameterSpace, quadratic: LocalQuadratic, inflation: float) -> None:
         """None."""
@@ -54,7 +59,15 @@ class ExactInference:
         """Judge the sum of the windows' Hessians, and what is left of mu."""
         space = findings.space
         excitation = assess_excitation(space, findings.information.curvature, timestep_s)
-        return Assessment(excitation, None, settled, _misfit(findings, settled))
+        rest = relative_rest(space, findings.estimate, findings.last)
+        if rest < LARGEST_REST:
+            return Assessment(excitation, None, settled, ())
+        warning = (
+            f"these links' masses do not explain the log: what is left weighs as much as an error of {rest:.2%} in "
+            "each of them. Links that were not named (`links`), the model or the log are off, and so are the masses "
+            "found; or the search has not settled, and a longer walk helps."
+        )
+        return Assessment(excitation, None, False, (warning,))
 
 
 class ExactLearning:
@@ -62,9 +75,11 @@ class ExactLearning:
 
     Args:
         space: what is unknown.
+        timestep_s: sample period [s].
     """
 
-    def __init__(self, space: ParameterSpace) -> None:
+    def __init__(self, space: ParameterSpace, timestep_s: float) -> None:
+        self._space, self._timestep_s = space, timestep_s
         self.belief: LocalQuadratic | None = None
         self.information = LocalQuadratic.belief(space.nominal, np.zeros(len(space)))
         self.last = self.information
@@ -76,29 +91,33 @@ class ExactLearning:
         """Add a window's Hessian."""
         self.last = monitoring.window_quadratic()
         self.information = self.information + self.last
-        self.converged = self.settled = iteration.status is SearchStatus.CONVERGED
+        is_explained = relative_rest(self._space, iteration.estimate, self.last) < LARGEST_REST
+        self.settled = is_explained and iteration.status is SearchStatus.CONVERGED
+        # Windows in which a link hardly moves solve for it, too, and show nothing of it: later ones may.
+        self.converged = self.settled and self._all_known()
+
+    def _all_known(self) -> bool:
+        """Whether the windows so far reveal everything that was asked for."""
+        return bool(assess_excitation(self._space, self.information.curvature, self._timestep_s).identifiable.all())
 
     def next_walk(self, before: ParameterSpace, space: ParameterSpace) -> bool:
         """A border is a gap and nothing else."""
         return False
 
 
-def _misfit(findings: Findings, settled: bool) -> tuple[str, ...]:
-    """Say so if no masses of the links asked for explain the log.
+def relative_rest(space: ParameterSpace, estimate: FloatArray, last: LocalQuadratic) -> float:
+    """What no masses of the links asked for explain of a log.
 
     What is left of mu is stated as the relative error that a typical one of these masses would have to have to leave as
     much. Rounding leaves 1e-13; a search that is still far off leaves what the samples show to be curved.
+
+    Args:
+        space: what is unknown.
+        estimate: shape (n_p,).
+        last: the last window's quadratic, or that of all windows.
     """
-    last = findings.last
-    change = last.change(findings.estimate - last.centre, findings.space.n_sampled)
+    change = last.change(estimate - last.centre, space.n_sampled)
     curved = last.misfit * (change / max(last.explained, np.finfo(float).tiny)) ** 2
-    left = max(0.0, last.at(findings.estimate) - MARGIN * curved)
-    effect = 0.5 * np.diagonal(last.curvature) * findings.space.scale**2
-    relative = float(np.sqrt(left / max(float(effect.mean()), np.finfo(float).tiny)))
-    if relative < LARGEST_REST:
-        return ()
-    return (
-        f"these links' masses do not explain the log: what is left weighs as much as an error of {relative:.2%} in "
-        "each of them. Links that were not named (`links`), the model or the log are off, and so are the masses found"
-        + ("." if settled else "; or the search has not settled, and a longer walk helps."),
-    )
+    left = max(0.0, last.at(estimate) - MARGIN * curved)
+    effect = 0.5 * np.diagonal(last.curvature) * space.scale**2
+    return float(np.sqrt(left / max(float(effect.mean()), np.finfo(float).tiny)))

@@ -39,7 +39,7 @@ class Inference(Protocol):
     def pass_rule(self, space: ParameterSpace) -> PassRule:
         """When passes over a log have taught what there is to learn."""
 
-    def learning(self, space: ParameterSpace, options: IdentifyOptions) -> Learning:
+    def learning(self, space: ParameterSpace, options: IdentifyOptions, timestep_s: float) -> Learning:
         """What windows of a stream add up to.
 
         Raises:

@@ -65,7 +65,7 @@ class LikelihoodInference:
         """A few windows first, then all, until nothing is gained."""
         return LikelihoodPasses(space.n_sampled)
 
-    def learning(self, space: ParameterSpace, options: IdentifyOptions) -> LikelihoodLearning:
+    def learning(self, space: ParameterSpace, options: IdentifyOptions, timestep_s: float) -> LikelihoodLearning:
         """A running belief.
 
         Raises:

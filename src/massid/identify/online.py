@@ -68,7 +68,7 @@ class OnlineIdentifier:
             self._inference.search_options(self.options.search),
             np.random.default_rng(self.options.seed),
         )
-        self._learning = self._inference.learning(space, self.options)
+        self._learning = self._inference.learning(space, self.options, timestep_s)
         self._windows: list[WindowResult] = []
         self._pushed = 0
         self._log_s = self._earlier_s = 0.0

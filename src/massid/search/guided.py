@@ -45,6 +45,8 @@ class SearchOptions:
         largest_step: no coordinate moves by more than this multiple of its scale in one update.
         step_tolerance: converged when the Newton step is below this fraction of every nominal value.
         gradient_tolerance: converged when |grad mu| is below this number (Eq. 18); 0 switches it off.
+        floor_share: converged when the Newton step would lower mu by less than this share of what it leaves: what is
+            left is the log's own, and no parameters explain it. 0 switches it off.
     """
 
     direction: str | Direction = "gauss-newton"
@@ -59,6 +61,7 @@ class SearchOptions:
     largest_step: float = np.inf
     step_tolerance: float = 1e-8
     gradient_tolerance: float = 0.0
+    floor_share: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive({"radius": self.radius, "smallest_radius": self.smallest_radius})
@@ -69,6 +72,7 @@ class SearchOptions:
                 "step_size": self.step_size,
                 "step_tolerance": self.step_tolerance,
                 "gradient_tolerance": self.gradient_tolerance,
+                "floor_share": self.floor_share,
             }
         )
         if not self.largest_step > 0:  # nan, too; inf is no cap
@@ -269,7 +273,9 @@ class GuidedSearch:
     def _status(self, quadratic: LocalQuadratic, newton_step: FloatArray) -> SearchStatus:
         small_step = bool(np.all(np.abs(newton_step) <= self.options.step_tolerance * self.space.scale))
         small_gradient = float(np.linalg.norm(quadratic.gradient)) < self.options.gradient_tolerance
-        return SearchStatus.CONVERGED if small_step or small_gradient else SearchStatus.RUNNING
+        gain = 0.5 * float(newton_step @ quadratic.curvature @ newton_step)
+        at_floor = gain < self.options.floor_share * quadratic.at(quadratic.centre + newton_step)
+        return SearchStatus.CONVERGED if small_step or small_gradient or at_floor else SearchStatus.RUNNING
 
     def _fill(self, centre: FloatArray, candidates: Sequence[FloatArray]) -> None:
         self._models.clear()
