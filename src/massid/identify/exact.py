@@ -20,9 +20,10 @@ from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 from massid.walk import Walk
 
-FLOOR_SHARE = 0.2
-"""A step that would lower mu by less than this share of what it leaves is within what the log itself leaves open. Errors
-are correlated for as long as the injection takes, so a few parameters explain some percent of any window's."""
+STREAM_FLOOR, REPLAY_FLOOR = 0.2, 1e-6
+"""A step that would lower mu by less than this share of what it leaves is within what the log itself leaves open. Of a
+stream each window has errors of its own, correlated for as long as the injection takes, of which a few parameters
+explain some percent; a log that is replayed has the same in every pass."""
 LARGEST_REST = 1e-3
 """Share of the links' masses that may stay unexplained."""
 MARGIN = 10.0
@@ -36,9 +37,9 @@ class ExactInference:
         """The parameters asked for, without nuisances that a user may have brought."""
         return ParameterSpace(asked.parameters[: asked.n_sampled])
 
-    def search_options(self, options: SearchOptions) -> SearchOptions:
+    def search_options(self, options: SearchOptions, *, replayed: bool) -> SearchOptions:
         """With an end at the log's own floor: engines solve contacts to a tolerance, and logs are rounded."""
-        return replace(options, floor_share=options.floor_share or FLOOR_SHARE)
+        return replace(options, floor_share=options.floor_share or (REPLAY_FLOOR if replayed else STREAM_FLOOR))
 
     def prior(self, space: ParameterSpace) -> LocalQuadratic | None:
         """None."""

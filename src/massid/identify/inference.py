@@ -30,8 +30,8 @@ class Inference(Protocol):
     def unknowns(self, asked: ParameterSpace, robot: Robot, walk: Walk, options: IdentifyOptions) -> ParameterSpace:
         """The parameters asked for, followed by what else is unknown about a walk."""
 
-    def search_options(self, options: SearchOptions) -> SearchOptions:
-        """How to search."""
+    def search_options(self, options: SearchOptions, *, replayed: bool) -> SearchOptions:
+        """How to search a stream, or a log that is replayed."""
 
     def prior(self, space: ParameterSpace) -> LocalQuadratic | None:
         """What is believed beforehand, in units of mu; None for nothing."""

@@ -53,7 +53,7 @@ class LikelihoodInference:
         """The parameters asked for, followed by nuisances."""
         return with_nuisances(asked, robot, walk, self._noise, options)
 
-    def search_options(self, options: SearchOptions) -> SearchOptions:
+    def search_options(self, options: SearchOptions, *, replayed: bool) -> SearchOptions:
         """Without candidates: a model that is too heavy answers less to the noise in its inputs, and scores better."""
         return replace(options, candidates=0)
 

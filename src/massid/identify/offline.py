@@ -52,7 +52,7 @@ def identify_offline(
     space, inference = joint.space, inference_for(logs[0].sensors)
     n_models = options.models(space.n_sampled)
     search = GuidedSearch(
-        space, n_models, inference.search_options(options.search), np.random.default_rng(options.seed)
+        space, n_models, inference.search_options(options.search, replayed=True), np.random.default_rng(options.seed)
     )
     prior = inference.prior(space)
 

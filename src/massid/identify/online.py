@@ -65,7 +65,7 @@ class OnlineIdentifier:
         self._search = GuidedSearch(
             space,
             self._n_models,
-            self._inference.search_options(self.options.search),
+            self._inference.search_options(self.options.search, replayed=False),
             np.random.default_rng(self.options.seed),
         )
         self._learning = self._inference.learning(space, self.options, timestep_s)
