@@ -11,6 +11,9 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from numba.core import caching
+
+from massid.compiled import kernel
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "massid"
@@ -29,7 +32,7 @@ ONLY_IN = {
 }
 """Libraries that one room keeps to itself."""
 
-EVERYBODY = {"errors", "typing"}
+EVERYBODY = {"compiled", "errors", "typing"}
 """What every room may know."""
 
 SEES: dict[str, set[str]] = {
@@ -166,3 +169,26 @@ def test_the_readmes_python_runs(capsys: pytest.CaptureFixture[str]) -> None:
     for block in blocks:  # a later block goes on from an earlier one, as a reader does
         exec(block, names)
     assert "'torso': 67.86" in capsys.readouterr().out
+
+
+def test_help_loads_no_engine() -> None:
+    """Whoever asks what there is need not wait for MuJoCo, SciPy and compilers."""
+    code = (
+        "import sys\n"
+        "from massid.cli import main\n"
+        "try: main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "heavy = {'mujoco', 'scipy', 'numba', 'numpy', 'rerun', 'matplotlib', 'mcap'} & set(sys.modules)\n"
+        "sys.exit(', '.join(sorted(heavy)) or 0)\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
+
+
+def test_kernels_run_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a machine whose package folder and home folder are read-only."""
+    monkeypatch.setattr(caching._CacheImpl, "_locator_classes", [])
+
+    def twice(x: float) -> float:
+        return 2.0 * x
+
+    assert kernel(twice)(21.0) == 42.0

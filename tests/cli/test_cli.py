@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import ast
 import errno
+import importlib
+import inspect
 import json
 import math
 import os
@@ -17,6 +19,7 @@ import pytest
 
 from massid.assets import sample_walk
 from massid.cli import INTERRUPTED, main
+from massid.cli.app import COMMANDS
 from massid.cli.flags import in_flags
 from massid.identify.options import IdentifyOptions, idle_options
 from massid.log import WalkWriter, read_walk
@@ -385,6 +388,12 @@ def test_options_that_a_log_has_no_use_for_are_named() -> None:
     assert idle_options(options, noisy=True) == ("`bandwidth_rad_s` has no effect on a noisy log.",)
     assert idle_options(options, noisy=False) == ("`lag_s` has no effect on a clean log.",)
     assert idle_options(IdentifyOptions(), noisy=True) == ()
+
+
+def test_every_command_is_listed_with_the_first_line_of_its_own_help() -> None:
+    for name, summary in COMMANDS.items():
+        command = getattr(importlib.import_module(f"massid.cli.{name}"), name.capitalize())
+        assert inspect.cleandoc(command.__doc__).splitlines()[0] == summary
 
 
 def test_what_the_library_says_of_its_options_is_printed_as_flags() -> None:

@@ -6,32 +6,33 @@ import inspect
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import make_dataclass
+from importlib import import_module
 from importlib.metadata import version
 from typing import Annotated, Any, Protocol, Union, cast, get_args
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from massid.cli.corrupt import Corrupt
-from massid.cli.demo import Demo
-from massid.cli.flags import in_flags
-from massid.cli.identify import Identify
-from massid.cli.inspect import Inspect
-from massid.cli.links import Links
-from massid.cli.paper import Paper
-from massid.cli.record import Record
-from massid.cli.repair import Repair
-from massid.cli.report import Report
-from massid.cli.view import View
 from massid.errors import BadInputError, MassidError
-from massid.ranges import OptionError
-from massid.search.directions import Direction, direction_name, direction_names
 
 DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
 
 Exit codes: 0 good, 2 bad input, 3 not identifiable, 4 fell or did not converge."""
 
-COMMANDS = (Demo, Record, Identify, Inspect, Repair, Corrupt, Report, View, Paper, Links)
+COMMANDS = {
+    "demo": "Record a walking humanoid with hidden mass errors, then find its masses from the log.",
+    "record": "Let a simulated robot walk with hidden mass errors, and log it to MCAP.",
+    "identify": "Find the masses of a robot's links from the log of a walk, or from several logs of the same robot.",
+    "inspect": "Show what a log holds and whether it makes sense for a robot, before masses are identified from it.",
+    "repair": "Copy what is sound of a damaged MCAP file into a new one, and say what was lost.",
+    "corrupt": "Give a log without noise the sensors of a real robot.",
+    "report": "Make one page of a result: masses with intervals, convergence, held-out torques, residuals, nuisances.",
+    "view": "Open a recording written by `massid identify --rerun` or `massid demo` in the Rerun viewer.",
+    "paper": "Run the paper's simulations again: its figures and Table I beside its numbers, and its theory as checks.",
+    "links": "List the links of a robot with their nominal masses, as --links takes them.",
+}
+"""Every command and what it is for. Each is a module of this folder, which is loaded when its command is asked for."""
 
 
 class Command(Protocol):
@@ -48,11 +49,15 @@ def run(arguments: Sequence[str]) -> int:
             sys.stdout.write(f"massid {version('massid')}\n")
             return 0
         return _parse(arguments).run()
-    except OptionError as error:
-        sys.stderr.write(f"massid: error: --{error.option.replace('_', '-')} {error.problem}\n")
-        return error.exit_code
     except MassidError as error:
-        sys.stderr.write(f"massid: error: {in_flags(str(error))}\n")
+        from massid.cli.flags import in_flags
+        from massid.ranges import OptionError
+
+        if isinstance(error, OptionError):
+            said = f"--{error.option.replace('_', '-')} {error.problem}"
+        else:
+            said = in_flags(str(error))
+        sys.stderr.write(f"massid: error: {said}\n")
         return error.exit_code
     except BrokenPipeError:
         # The reader of our output went away, as in `massid links atlas | head -1`.
@@ -66,12 +71,8 @@ def run(arguments: Sequence[str]) -> int:
 
 def _parse(arguments: Sequence[str]) -> Command:
     """Build the command that the arguments describe; ends the program with code 2 when they describe none."""
-    described: list[Any] = [
-        Annotated[
-            command, tyro.conf.subcommand(command.__name__.lower(), description=inspect.cleandoc(command.__doc__ or ""))
-        ]
-        for command in COMMANDS
-    ]
+    asked = arguments[0] if arguments else ""
+    described: list[Any] = [_described(name, loaded=name == asked) for name in COMMANDS]
     union: Any = Union[tuple(described)]  # noqa: UP007  # built at run time
     parsed = tyro.cli(
         union,
@@ -79,13 +80,24 @@ def _parse(arguments: Sequence[str]) -> Command:
         description=DESCRIPTION,
         args=arguments,
         config=(tyro.conf.OmitArgPrefixes,),
-        registry=_registry(),
+        registry=_registry() if asked in COMMANDS else None,
     )
     return cast("Command", parsed)
 
 
+def _described(name: str, *, loaded: bool) -> Any:
+    """A command for tyro: its class, or only what it is for."""
+    if not loaded:
+        placeholder = make_dataclass(name.capitalize(), [])
+        return Annotated[placeholder, tyro.conf.subcommand(name, description=COMMANDS[name])]
+    command = getattr(import_module(f"massid.cli.{name}"), name.capitalize())
+    return Annotated[command, tyro.conf.subcommand(name, description=inspect.cleandoc(command.__doc__ or ""))]
+
+
 def _registry() -> ConstructorRegistry:
     """What tyro does not know by itself: a direction is typed by its name."""
+    from massid.search.directions import Direction, direction_name, direction_names
+
     registry = ConstructorRegistry()
 
     @registry.primitive_rule

@@ -14,7 +14,7 @@ from massid.outputs import check_outputs
 
 @dataclass(frozen=True)
 class Report:
-    """Make one page of a result: masses with intervals, convergence, held-out torques, residuals, sensor errors.
+    """Make one page of a result: masses with intervals, convergence, held-out torques, residuals, nuisances.
 
     The page needs no network and no other file.
 

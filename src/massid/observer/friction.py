@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from massid.model.layout import JointLayout
 from massid.model.realisation import Realisation, write_fields
@@ -132,7 +132,9 @@ class StickSlip:
         deviation = np.hypot(demand.std, _BLUR * (highest - lowest))
         sticks = np.abs(demand.needed) < loss
         m = np.abs(loss - np.abs(demand.needed)) / np.where(deviation > 0.0, deviation, 1.0)
-        error = deviation * np.sqrt(np.maximum((1.0 + m**2) * norm.sf(m) - m * norm.pdf(m), 0.0))
+        error = deviation * np.sqrt(
+            np.maximum((1.0 + m**2) * ndtr(-m) - m * np.exp(-(m**2) / 2.0) / np.sqrt(2.0 * np.pi), 0.0)
+        )
         return Friction(
             torque=np.where(sticks, 0.0, np.clip(demand.needed, -loss, loss)),
             sticks=sticks,

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from massid.compiled import kernel
 from massid.typing import FloatArray, IntArray
 
 
-@njit(cache=True)
+@kernel
 def state_difference(
     qpos: FloatArray,
     qvel: FloatArray,
@@ -60,7 +60,7 @@ def state_difference(
             out[i, nv + d] = qvel_measured[d] - qvel[i, d]
 
 
-@njit(cache=True)
+@kernel
 def correct_state(
     qpos: FloatArray,
     qvel: FloatArray,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numba import njit
 
+from massid.compiled import kernel
 from massid.model.inertia import spatial_inertia
 from massid.model.inverse import damping_is_implicit, with_single_stage
 from massid.model.layout import JointLayout
@@ -146,7 +146,7 @@ class Lineariser:
         data.qfrc_applied[:], data.ctrl[:] = motion.effort[k] + block.friction[k], motion.wrench[k]
 
 
-@njit(cache=True)
+@kernel
 def _project_inertial(
     inertia: FloatArray,
     velocity: FloatArray,
@@ -181,7 +181,7 @@ def _project_inertial(
             ancestor = parent[ancestor]
 
 
-@njit(cache=True)
+@kernel
 def _times_inertia(i: FloatArray, v: FloatArray, out: FloatArray) -> None:
     """Spatial inertia in the engine's layout (six of the matrix, three of m c, m) times a spatial vector."""
     out[0] = i[0] * v[0] + i[3] * v[1] + i[4] * v[2] - i[8] * v[4] + i[7] * v[5]
