@@ -186,7 +186,7 @@ def test_help_loads_no_engine() -> None:
 
 def test_kernels_run_where_nothing_can_be_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """As on a machine whose package folder and home folder are read-only."""
-    monkeypatch.setattr(caching._CacheImpl, "_locator_classes", [])
+    monkeypatch.setattr(caching.CacheImpl, "_locator_classes", [])
 
     def twice(x: float) -> float:
         return 2.0 * x
