@@ -9,14 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import mujoco
 
 from massid.assets import find_model_by_hash, resolve_model
 from massid.audit import Prepared, prepare_walks
 from massid.errors import BadInputError, LogError
-from massid.identify import IdentifyOptions, identify_offline, identify_online
+from massid.identify import IdentifyOptions, OnlineIdentifier, identify_offline, identify_online
 from massid.identify.logs import PreparedLog
 from massid.identify.options import idle_options
 from massid.identify.prepare import prepare_logs
@@ -168,7 +168,13 @@ class Weighing:
             options: how to identify.
             progress: told the fraction done.
         """
-        options = options or IdentifyOptions()
+        options = IdentifyOptions() if options is None else options
+        if not isinstance(options, IdentifyOptions):
+            raise BadInputError(f"options is a {type(options).__name__}; expected IdentifyOptions.")
+        if mode not in get_args(Mode):
+            raise BadInputError(f"`mode` is {mode!r}; expected one of {', '.join(get_args(Mode))}.")
+        links = (links,) if isinstance(links, str) else None if links is None else tuple(links)
+        unknowns = (unknowns,) if isinstance(unknowns, str | Unknown) else tuple(unknowns)
         if not 0.0 <= held_out < 1.0:
             raise BadInputError(f"`held_out` is {held_out}; it must be at least 0 and less than 1.")
         sources = (logs,) if isinstance(logs, str | Path | Walk) else tuple(logs)
@@ -223,6 +229,13 @@ class Weighing:
         fullest = max(walks, key=lambda walk: len(list(walk.windows(dwell_s))))
         for walk in walks if self.is_offline else [fullest]:
             walk.filled_windows(dwell_s)
+
+    def identifier(self) -> OnlineIdentifier:
+        """An identifier for a stream of the same robot through the same sensors as the first log's."""
+        log = self.logs[0]
+        return OnlineIdentifier(
+            self.robot, log.space, log.walk.contact_bodies, log.walk.timestep_s, self.options, log.sensors
+        )
 
     def foresee(self, progress: Progress = silent) -> Verdict:
         """Say what the logs can reveal, without fitting anything."""

@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+import numpy as np
+
 from massid.audit.inner_steps import FACTOR, with_inner_steps
-from massid.audit.lag import Lag
+from massid.audit.lag import Lag, lag_margin
 from massid.audit.report import Audit, audit_walk
 from massid.errors import BadInputError, LogError
 from massid.log import TopicMap, read_walk
@@ -85,7 +87,7 @@ def prepare_walk(
         notes += (
             f"{walk.source}: against the state, torques are stamped {lag.effort_s * 1e3:+.2f} ms and wrenches "
             f"{lag.wrench_s * 1e3:+.2f} ms late, and were shifted back (unexplained force {lag.rest_before:.1%} "
-            f"before, {lag.rest_after:.1%} after).",
+            f"before, {lag.rest_after:.1%} after)." + _at_limit(lag, walk),
         )
     if not audit.walk.segments:
         raise LogError(
@@ -112,6 +114,14 @@ def _without_lag(source: Path | str | Walk, topics: TopicMap, lag: Lag) -> Walk:
     known = {"effort": 0.0, "wrench": 0.0, **topics.lag_s}
     lags = {**known, "effort": known["effort"] + lag.effort_s, "wrench": known["wrench"] + lag.wrench_s}
     return read_walk(source, replace(topics, lag_s=lags))
+
+
+def _at_limit(lag: Lag, walk: Walk) -> str:
+    """Say so if a lag may be longer than what was looked at."""
+    limit_s = lag_margin(walk) * walk.timestep_s
+    if max(abs(lag.effort_s), abs(lag.wrench_s)) < limit_s - 0.5 * walk.timestep_s:
+        return ""
+    return f" No more than {limit_s * 1e3:g} ms is looked at: it may be more (`lag_s` in a topic map says how much)."
 
 
 def prepare_walks(
@@ -146,6 +156,14 @@ def prepare_walks(
         for source, walk in zip(sources, known, strict=True)
     )
     first = prepared[0]
+    for k, other in enumerate(prepared):
+        for earlier in prepared[:k]:
+            if np.array_equal(other.walk.stamps_ns, earlier.walk.stamps_ns) and np.array_equal(
+                other.walk.qpos, earlier.walk.qpos
+            ):
+                raise BadInputError(
+                    f"{earlier.walk.source} and {other.walk.source} are one log: its information would count twice."
+                )
     for other in prepared[1:]:
         differing = sorted(set(first.walk.joint_names) ^ set(other.walk.joint_names))
         if differing:

@@ -138,12 +138,13 @@ class OnlineIdentifier:
         """Take one sample; returns an update for each dwell window that it completes, mostly none.
 
         A sample that does not follow the one before by one period drops the window that it interrupts; windows that
-        waited for samples to follow are closed without them, which may be several if they are short.
+        waited for samples to follow are closed without them, which may be several if they are short. A sample with a
+        number that is not finite counts as lost.
 
         Raises:
             DivergedBankError: too few models stayed finite in the window that this sample completes.
         """
-        if self.converged:
+        if self.converged or not sample.is_finite:
             return ()
         closed: tuple[WindowResult, ...] = ()
         if self._first_stamp_ns is None:

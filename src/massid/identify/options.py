@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
-from massid.ranges import require_not_negative, require_positive
+from massid.errors import BadInputError
+from massid.ranges import OptionError, require_not_negative, require_positive
 from massid.search.directions import direction_name
 from massid.search.guided import SearchOptions, enough_models
 from massid.walk.noise import NoisePreset
@@ -67,6 +68,15 @@ class IdentifyOptions:
         }
 
     def __post_init__(self) -> None:
+        known = ("auto", *get_args(NoisePreset))
+        if self.noise not in known:
+            raise BadInputError(f"`noise` is {self.noise!r}; expected one of {', '.join(known)}.")
+        if not isinstance(self.search, SearchOptions):
+            raise BadInputError(f"search is a {type(self.search).__name__}; expected SearchOptions.")
+        for name in ("bank_size", "passes", "threads", "seed"):
+            value = getattr(self, name)
+            if value is not None and value != int(value):
+                raise OptionError(name, value, "a whole number")
         require_positive(
             {
                 "bank_size": USUAL_BANK if self.bank_size is None else self.bank_size,

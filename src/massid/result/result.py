@@ -164,6 +164,10 @@ class Result:
     evidence: Evidence | None = field(default=None, repr=False, compare=False)
     stopped: bool = False
 
+    def __getstate__(self) -> dict[str, Any]:
+        """Without robot and logs, which stay where they are: results come back from other processes."""
+        return vars(self) | {"evidence": None}
+
     def save_model(self, path: Path) -> None:
         """Save the robot's MJCF with what was found in it; what is not identifiable keeps the model file's value.
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import enum
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import get_args
 
 import numpy as np
 
 from massid.errors import BadInputError
 from massid.ranges import OptionError, require_not_negative, require_positive
-from massid.search.directions import Direction, make_direction
+from massid.search.directions import Direction, direction_name, make_direction
 from massid.search.directions.gauss_newton import GaussNewtonDirection
 from massid.search.gradient import GradientEstimator, estimate_gradient
 from massid.search.line_search import LineSearch
@@ -64,6 +65,12 @@ class SearchOptions:
     floor_share: float = 0.0
 
     def __post_init__(self) -> None:
+        for name, value, known in (
+            ("sampling", self.sampling, get_args(Sampling)),
+            ("gradient", self.gradient, (None, *get_args(GradientEstimator))),
+        ):
+            if value not in known:
+                raise BadInputError(f"`{name}` is {value!r}; expected one of {', '.join(filter(None, known))}.")
         require_positive({"radius": self.radius, "smallest_radius": self.smallest_radius})
         require_not_negative(
             {
@@ -211,7 +218,12 @@ class GuidedSearch:
         newton_step = GaussNewtonDirection().step(quadratic, self.space)
         step = np.zeros(len(self.space))
         if trusted:
-            step = self._direction.step(quadratic, self.space)
+            step = np.asarray(self._direction.step(quadratic, self.space), dtype=np.float64)
+            if step.shape != quadratic.centre.shape or not np.isfinite(step).all():
+                raise BadInputError(
+                    f"Direction {direction_name(self.options.direction)} gave a step of shape {step.shape} that is "
+                    f"{step}; expected {quadratic.centre.shape} finite numbers."
+                )
             step = self._line_search.limit(quadratic.centre, step, self.space)
         self._from, self._stepped = quadratic.centre, trusted
         iteration = self._update(monitoring, best, quadratic, quadratic.centre + step, newton_step)

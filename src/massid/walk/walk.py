@@ -6,6 +6,7 @@ The reader converts from ROS conventions once; nothing behind this class sees an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
@@ -43,6 +44,11 @@ class Sample:
     qvel: FloatArray
     effort: FloatArray
     wrench: FloatArray
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether it holds nothing but numbers."""
+        return all(np.isfinite(part).all() for part in (self.qpos, self.qvel, self.effort, self.wrench))
 
 
 @dataclass(frozen=True)
@@ -104,6 +110,30 @@ class Walk:
             object.__setattr__(self, name, array)
         if not self.segments:
             object.__setattr__(self, "segments", (Segment(0, n),))
+        self._check_samples()
+
+    def _check_samples(self) -> None:
+        """Pass if there are samples, all numbers in use are finite and no sample is in use twice."""
+        if not (math.isfinite(self.timestep_s) and self.timestep_s > 0.0):
+            raise LogError(f"{self.source}: the sample period is {self.timestep_s} s; expected a finite time above 0.")
+        if not len(self):
+            raise LogError(f"{self.source}: there is no sample.")
+        stop = 0
+        for segment in self.segments:
+            if not stop <= segment.start < segment.stop <= len(self):
+                raise LogError(
+                    f"{self.source}: segment {segment.start} .. {segment.stop} of {len(self)} samples; expected "
+                    "segments in order that do not overlap."
+                )
+            stop = segment.stop
+            for name in ("qpos", "qvel", "effort", "wrench"):
+                part = getattr(self, name)[segment.start : segment.stop]
+                if not np.isfinite(part).all():
+                    row = segment.start + int(np.argwhere(~np.isfinite(part))[0][0])
+                    raise LogError(
+                        f"{self.source}: sample {row} has a {name} that is not finite; leave such samples out of the "
+                        "segments."
+                    )
 
     def __len__(self) -> int:
         return len(self.stamps_ns)

@@ -1,5 +1,11 @@
-"""What can be unknown of a robot and of its sensors, and the spaces that such unknowns span."""
+"""What can be unknown of a robot and of its sensors, and the spaces that such unknowns span.
 
-from massid.model.unknowns import bodies, joints, lags, sensors
+Every module of this folder is loaded with it, so that the kinds of unknowns in it can be asked for by name; nothing
+else has to know of a new one.
+"""
 
-__all__ = ["bodies", "joints", "lags", "sensors"]
+from importlib import import_module
+from pkgutil import iter_modules
+
+for _found in iter_modules(__path__):
+    import_module(f"{__name__}.{_found.name}")
