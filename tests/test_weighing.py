@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
@@ -99,6 +101,8 @@ def test_a_search_that_is_stopped_at_once_has_found_nothing(pushed: Pushed) -> N
         ({"links": LINKS, "held_out": 1.0}, BadInputError, "`held_out` is 1.0"),
         ({"links": LINKS, "options": IdentifyOptions(dwell_s=10.0)}, LogError, "use a shorter `dwell_s`"),
         ({"links": LINKS, "options": IdentifyOptions(bank_size=5)}, BadInputError, "serves at most 4 unknowns"),
+        ({"links": LINKS, "mode": "offlin"}, BadInputError, "`mode` is 'offlin'; expected one of auto, online"),
+        ({"links": LINKS, "options": {"passes": 3}}, BadInputError, "options is a dict; expected IdentifyOptions"),
         ({"robot": "no_such_robot"}, ModelError, "no robot named 'no_such_robot'"),
     ],
 )
@@ -107,6 +111,31 @@ def test_what_cannot_be_done_is_said_before_the_work(
 ) -> None:
     with pytest.raises(error, match=message):
         massid.weigh(pushed.walk, **{"robot": pushed.robot} | arguments)  # type: ignore[arg-type]
+
+
+def test_one_link_may_be_asked_for_by_its_name_alone(pushed: Pushed) -> None:
+    job = Weighing.prepare(pushed.walk, pushed.robot, "torso", options=SHORT)
+    assert job.asked == Weighing.prepare(pushed.walk, pushed.robot, ["torso"], options=SHORT).asked
+
+
+def test_one_log_does_not_count_twice(pushed: Pushed) -> None:
+    with pytest.raises(BadInputError, match="are one log: its information would count twice"):
+        massid.weigh([pushed.walk, replace(pushed.walk, source="copy")], pushed.robot, LINKS, options=SHORT)
+
+
+def test_a_result_comes_back_from_another_process_without_the_logs(pushed: Pushed) -> None:
+    result = massid.weigh(pushed.walk, pushed.robot, LINKS, checks=False, options=SHORT)
+    back = pickle.loads(pickle.dumps(result))
+    assert back.evidence is None
+    assert back.table() == result.table()
+
+
+def test_a_stream_is_weighed_like_its_log_and_a_broken_sample_counts_as_lost(pushed: Pushed) -> None:
+    job = Weighing.prepare(pushed.walk, pushed.robot, LINKS, mode="online", options=SHORT)
+    identifier = job.identifier()
+    for k, sample in enumerate(pushed.walk.samples()):
+        identifier.push(replace(sample, effort=np.full_like(sample.effort, np.nan)) if k == 300 else sample)
+    np.testing.assert_allclose(identifier.estimate[: len(LINKS)], pushed.truth, atol=1e-6)
 
 
 def test_no_log_is_refused() -> None:

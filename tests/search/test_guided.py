@@ -134,3 +134,28 @@ def test_samples_stay_near_and_span_every_direction(sampling: Sampling, n_sample
 def test_pairs_are_antithetic() -> None:
     offsets = sample_locally(np.zeros(3), 20, 0.2, make_space(), np.random.default_rng(0), "pairs")
     np.testing.assert_allclose(offsets[:10], -offsets[10:])
+
+
+class OwnDirection:
+    """Steps somewhere that is no place in the space."""
+
+    second_order = True
+
+    def __init__(self, step: np.ndarray) -> None:
+        self._step = step
+
+    def step(self, quadratic: LocalQuadratic, space: object) -> np.ndarray:
+        return self._step
+
+
+@pytest.mark.parametrize("step", [np.zeros(2), np.array([0.0, np.nan, 0.0])])
+def test_a_step_that_leads_nowhere_is_refused_with_the_name_of_its_direction(step: np.ndarray) -> None:
+    search = GuidedSearch(make_space(), 12, SearchOptions(direction=OwnDirection(step)))
+    with pytest.raises(BadInputError, match=r"Direction OwnDirection .* expected \(3,\) finite numbers"):
+        drive(search, _bank(12), 1)
+
+
+@pytest.mark.parametrize("name", ["sampling", "gradient"])
+def test_a_way_that_does_not_exist_is_refused(name: str) -> None:
+    with pytest.raises(BadInputError, match=f"`{name}` is 'x'; expected one of"):
+        SearchOptions(**{name: "x"})  # type: ignore[arg-type]
