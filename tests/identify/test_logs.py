@@ -121,11 +121,12 @@ def test_clean_and_noisy_logs_do_not_mix(pushed: Pushed) -> None:
 
 def test_sample_periods_and_contact_bodies_may_differ(pushed: Pushed) -> None:
     whole = _part(pushed.walk, 0, 500, "both feet")
+    later = _part(pushed.walk, 500, 1000, "other order")
     air = np.zeros((500, 1, 6))
     turned = replace(
-        _part(pushed.walk, 0, 500, "other order"),
+        later,
         contact_bodies=(*reversed(pushed.walk.contact_bodies), "torso"),
-        wrench=np.concatenate([whole.wrench[:, ::-1], air], axis=1),
+        wrench=np.concatenate([later.wrench[:, ::-1], air], axis=1),
     )
     result = weigh_offline([whole, turned], pushed.robot, pushed.space, replace(CLEAN, passes=6))
     assert_allclose(result.estimate, pushed.truth, atol=1e-6)

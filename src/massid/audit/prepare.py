@@ -158,8 +158,9 @@ def prepare_walks(
     first = prepared[0]
     for k, other in enumerate(prepared):
         for earlier in prepared[:k]:
-            if np.array_equal(other.walk.stamps_ns, earlier.walk.stamps_ns) and np.array_equal(
-                other.walk.qpos, earlier.walk.qpos
+            if all(
+                np.array_equal(getattr(other.walk, part), getattr(earlier.walk, part))
+                for part in ("stamps_ns", "qpos", "effort")
             ):
                 raise BadInputError(
                     f"{earlier.walk.source} and {other.walk.source} are one log: its information would count twice."
