@@ -82,6 +82,8 @@ def test_a_search_that_is_stopped_keeps_what_it_has_found(mode: str, pushed: Pus
         stop=lambda: next(calls) >= after,
     )
     assert result.stopped
+    assert result.status is not Status.CONVERGED
+    assert result.to_json()["stopped"] is True
     assert result.unsettled is not None
     assert "stopped before" in result.unsettled
     assert len(result.windows) == 1

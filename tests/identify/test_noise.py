@@ -12,9 +12,12 @@ from massid.model.unknowns.spaces import mass_space
 from massid.observer.replay import replay_block
 from massid.observer.sensors import NoisySensors
 from massid.result import Status
+from massid.search.guided import SearchOptions
 from massid.search.monitoring import MonitoringFilter
+from massid.search.parameters import ParameterSpace
 from massid.search.proposal import Proposal, Role
 from massid.search.quadratic import LocalQuadratic
+from massid.typing import FloatArray
 from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, SensorNoise, Sensors, rotate
 from tests.conftest import Pushed
@@ -215,3 +218,29 @@ def test_friction_that_is_told_right_leaves_no_error_of_its_own() -> None:
     result = weigh_offline(walk, robot, space, replace(WHITE, dwell_s=0.2, bank_size=12))
     assert result.uncertainty is not None
     assert np.all(np.abs(result.estimate - truth) < 0.25 * result.uncertainty.std)
+
+
+class Away:
+    """Leads away from the masses, a little in every pass."""
+
+    second_order = True
+
+    def __init__(self, step: FloatArray) -> None:
+        self._step = step
+
+    def step(self, quadratic: LocalQuadratic, space: ParameterSpace) -> FloatArray:
+        return np.pad(self._step, (0, len(space) - len(self._step)))
+
+
+def test_a_search_that_makes_it_worse_pass_by_pass_has_not_converged_and_says_so(pushed: Pushed) -> None:
+    away = SearchOptions(direction=Away(0.5 * (pushed.space.nominal - pushed.truth)))
+    options = replace(WHITE, dwell_s=0.5, search=away, passes=4)
+    result = weigh_offline(_measured(pushed), pushed.robot, pushed.space, options)
+    assert result.status is not Status.CONVERGED
+    assert any("worse than the best one did" in line for line in result.warnings)
+
+
+def test_a_search_that_comes_to_rest_does_not_run_away(pushed: Pushed) -> None:
+    result = weigh_offline(_measured(pushed), pushed.robot, pushed.space, WHITE)
+    assert result.status is Status.CONVERGED
+    assert not any("worse than the best one did" in line for line in result.warnings)

@@ -25,6 +25,7 @@ class Findings:
         last: the last window's quadratic, or that of the last pass over all windows, without the prior.
         windows: each window's own part, if it was kept.
         inflation: how much more the scores of windows that were not kept scatter than noise explains.
+        rise: by what share the last pass explains the log worse than the best one did.
     """
 
     space: ParameterSpace
@@ -33,6 +34,7 @@ class Findings:
     last: LocalQuadratic
     windows: tuple[LocalQuadratic, ...] = ()
     inflation: float = 1.0
+    rise: float = 0.0
 
 
 @dataclass(frozen=True)

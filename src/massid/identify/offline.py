@@ -71,7 +71,14 @@ def identify_offline(
     information = (total if prior is None else total + prior).shifted(run.estimate)
     result = conclude(
         robot,
-        Findings(space, run.estimate, information, total, tuple(score.window_quadratic() for score in run.scores)),
+        Findings(
+            space,
+            run.estimate,
+            information,
+            total,
+            tuple(score.window_quadratic() for score in run.scores),
+            rise=run.rise,
+        ),
         inference,
         trace,
         run.converged,
@@ -86,4 +93,5 @@ def identify_offline(
     inflation = 1.0 if result.uncertainty is None else result.uncertainty.inflation
     deviations = [inference.deviations(space, one.quadratic, inflation) for one in run.iterations]
     windows = tuple(replace(window, std=std) for window, std in zip(result.windows, deviations, strict=True))
-    return replace(result, windows=windows, stopped=run.stopped)
+    result = replace(result, windows=windows)
+    return result.stopped_early() if run.stopped else result

@@ -272,4 +272,5 @@ def identify_online(
                 break
         identifier.finish()
     progress(1.0, "done")
-    return replace(identifier.result([log.walk.source for log in logs]), stopped=stopped)
+    result = identifier.result([log.walk.source for log in logs])
+    return result.stopped_early() if stopped else result

@@ -38,6 +38,7 @@ def describe_result(
         uncertainty=None if result.uncertainty is None else _uncertainty(result.uncertainty),
         iterations=_iterations(result),
         status=str(result.status),
+        stopped=result.stopped,
         mode=result.mode,
         logs=list(result.sources),
         warnings=list(result.warnings),

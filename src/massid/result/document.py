@@ -303,6 +303,7 @@ class Document(Struct, frozen=True, kw_only=True, omit_defaults=True):
         sidecar_sha256: of the file beside the document; None if there is none.
         l2_error_initial_kg: L2 norm of the nominal masses' errors [kg]; None if the result was not scored.
         l2_error_kg: the same of the estimate [kg].
+        stopped: whether somebody stopped it before its end.
     """
 
     schema: Literal[1]
@@ -324,6 +325,7 @@ class Document(Struct, frozen=True, kw_only=True, omit_defaults=True):
     sidecar_sha256: str | None = None
     l2_error_initial_kg: float | None = None
     l2_error_kg: float | None = None
+    stopped: bool = False
 
     def beside(self, reference: ReferenceEntry | None) -> Document:
         """The document with what another method found."""

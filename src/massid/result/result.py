@@ -168,6 +168,11 @@ class Result:
         """Without robot and logs, which stay where they are: results come back from other processes."""
         return vars(self) | {"evidence": None}
 
+    def stopped_early(self) -> Result:
+        """The same, found by a search that was stopped from outside: it has not converged, whatever its last step."""
+        status = Status.NOT_CONVERGED if self.status is Status.CONVERGED else self.status
+        return replace(self, stopped=True, status=status)
+
     def save_model(self, path: Path) -> None:
         """Save the robot's MJCF with what was found in it; what is not identifiable keeps the model file's value.
 

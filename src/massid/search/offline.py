@@ -72,6 +72,7 @@ class OfflineRun:
         scores: of every window in the last pass, without the prior.
         converged: whether it settled.
         stopped: whether it was stopped from outside.
+        rise: by what share mu of the last pass exceeds the lowest of all passes over the whole recordings.
     """
 
     estimate: FloatArray
@@ -79,6 +80,7 @@ class OfflineRun:
     scores: tuple[Monitoring, ...]
     converged: bool
     stopped: bool = False
+    rise: float = 0.0
 
 
 def run_offline(
@@ -111,6 +113,7 @@ def run_offline(
     iterations: list[Iteration] = []
     scores: list[Monitoring] = []
     outlook, stopped = Outlook.GO_ON, False
+    whole: list[float] = []
     for index in range(passes):
         found = _score(replays, search.ask(), in_use, partial(progress, index) if progress else None, stop)
         if found is None:
@@ -119,6 +122,8 @@ def run_offline(
         scores = found
         iteration = search.tell(replace(reduce(add, scores), prior=prior))
         iterations.append(iteration)
+        if in_use >= n_windows:
+            whole.append(iteration.mu)
         outlook = rule.judge(iteration, in_use >= n_windows)
         if outlook is Outlook.WIDEN:
             in_use, search = n_windows, search.restarted()
@@ -126,7 +131,8 @@ def run_offline(
             break
     if not iterations:
         raise StoppedError("Stopped in the first pass over the log: nothing was found yet.")
-    return OfflineRun(search.estimate, tuple(iterations), tuple(scores), outlook is Outlook.SETTLED, stopped)
+    rise = whole[-1] / min(whole) - 1.0 if whole and min(whole) > 0.0 else 0.0
+    return OfflineRun(search.estimate, tuple(iterations), tuple(scores), outlook is Outlook.SETTLED, stopped, rise)
 
 
 def _score(
