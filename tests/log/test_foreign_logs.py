@@ -276,7 +276,7 @@ def test_samples_missing_on_one_topic_are_left_out_and_counted(foreign):
     assert walk.warnings == (
         f"{log.path}: /contact/l_foot: no sample for 2 of 40 stamps, the first 0.0200 s after the start; "
         "these stamps are left out.",
-        f"{log.path}: 1 gaps longer than 1.5 sample periods, the first of 0.0030 s after sample 19.",
+        f"{log.path}: 1 gap longer than 1.5 sample periods, the first of 0.0030 s after sample 19.",
     )
 
 

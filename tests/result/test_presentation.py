@@ -82,6 +82,6 @@ def test_colours_are_those_of_the_notebook() -> None:
 
 def test_a_result_is_shown_in_two_lines() -> None:
     first, second = repr(small_result()).split("\n")
-    assert first.startswith("Result: not identifiable after 1 dwell windows")
+    assert first.startswith("Result: not identifiable after 1 dwell window ")
     assert second == f"torso 4.400 +-0.2 kg, {HIDDEN} not identifiable (+-: 95 %)"
     assert repr(small_result(noisy=False, hidden=False)).endswith(f"\ntorso 4.400 kg, {HIDDEN} 2.300 kg")

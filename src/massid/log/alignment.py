@@ -112,7 +112,7 @@ def _shared(
     if len(cuts):
         length_s = (common[cuts[0]] - common[cuts[0] - 1]) / NANOSECONDS
         warnings.append(
-            f"{len(cuts)} gaps longer than {_GAP_PERIODS} sample periods, the first of "
+            f"{len(cuts)} gap{'s' * (len(cuts) > 1)} longer than {_GAP_PERIODS} sample periods, the first of "
             f"{length_s:.4f} s after sample {cuts[0] - 1}."
         )
     jitter = _jitter(common)
@@ -175,7 +175,8 @@ def _on_one_clock(
     if period > _SLOW_S * NANOSECONDS:
         lines.append(f"a clock of {NANOSECONDS / period:.4g} Hz is slow for identification; 500 Hz or more is better.")
     if len(grids) > 1:
-        lines.append(f"{len(grids) - 1} gaps split the log.")
+        split = len(grids) - 1
+        lines.append(f"{split} gaps split the log." if split > 1 else "1 gap splits the log.")
     edges = np.cumsum([0, *(len(grid) for grid in grids)]).tolist()
     segments = tuple(Segment(start, stop) for start, stop in pairwise(edges))
     stamps = np.concatenate(grids)

@@ -69,9 +69,11 @@ def quantity_table(result: Result) -> TextTable:
 
 def outcome(result: Result) -> str:
     """How it ended, in one line."""
-    unit = "dwell windows" if result.mode == "online" else "passes over the log"
+    n = len(result.windows)
+    one, many = ("dwell window", "dwell windows") if result.mode == "online" else ("pass", "passes")
+    unit = f"{n} {one if n == 1 else many}" + ("" if result.mode == "online" else " over the log")
     speed = f"{result.log_s:.1f} s of walking in {result.wall_s:.1f} s"
-    return f"{result.status} after {len(result.windows)} {unit} ({speed})"
+    return f"{result.status} after {unit} ({speed})"
 
 
 def one_or_two_lines(result: Result) -> str:

@@ -234,7 +234,8 @@ class Result:
         step = np.abs(self.windows[-1].newton_step)
         worst = int(np.argmax(step / self.space.scale))
         parameter = self.space.parameters[worst]
-        said = f"the last step was still {step[worst]:.2g} {parameter.unit} in {parameter.target}"
+        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        said = f"the last step was still {step[worst]:.2g}{unit} in {parameter.target}"
         if self.mode == "online":
             return f"{said}, when the log ended: walk longer, or replay the log (`mode=offline`)"
         return f"{said}: more `passes`, a longer walk, or see the warnings for what is wrong"
