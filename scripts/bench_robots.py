@@ -3,7 +3,7 @@
     python scripts/bench_robots.py --json robots.json
 
 Seven links are off by a quarter of the norm of their masses, in a random direction. The log is written by rosbags and
-read back through `prepare_walk`, checks included. Each identified model is saved into another folder and loaded.
+read back by `massid.weigh`. Each identified model is saved into another folder and loaded.
 """
 
 from __future__ import annotations
