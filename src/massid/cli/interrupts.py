@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
@@ -21,6 +22,7 @@ def stop_on_interrupt() -> Iterator[Callable[[], bool]]:
         if asked.is_set():
             raise KeyboardInterrupt
         asked.set()
+        sys.stderr.write("\nmassid: stopping with what is found so far; Ctrl-C once more ends at once and loses it\n")
 
     before = signal.signal(signal.SIGINT, note)
     try:
