@@ -50,7 +50,7 @@ def test_a_flipped_byte_costs_its_chunk(long: tuple[Path, Samples], tmp_path: Pa
     rows = np.searchsorted(samples.stamps, walk.stamps_ns)
     assert_same(walk, samples, rows)
     assert len(walk.segments) == 2
-    assert "gaps" in walk.warnings[0]
+    assert "1 gap longer" in walk.warnings[0]
     assert len(walk.warnings) == 1
 
 
