@@ -68,7 +68,9 @@ def identify_offline(
     log_s = sum(log.walk.duration_s for log in logs)
     trace = [replace(WindowResult.from_iteration(one, log_s), index=k) for k, one in enumerate(run.iterations)]
     total = reduce(add, run.scores).window_quadratic()
-    information = (total if prior is None else total + prior).shifted(run.estimate)
+    told = total.symmetric()
+    information = (told if prior is None else told + prior).shifted(run.estimate)
+    windows = [score.window_quadratic().shifted(run.estimate) for score in run.scores]
     result = conclude(
         robot,
         Findings(
@@ -76,7 +78,7 @@ def identify_offline(
             run.estimate,
             information,
             total,
-            tuple(score.window_quadratic() for score in run.scores),
+            tuple(window.weighed(total.weights) for window in windows),
             rise=run.rise,
         ),
         inference,

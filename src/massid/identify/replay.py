@@ -46,7 +46,7 @@ class WalkReplay:
         self._windows = walk.filled_windows(options.dwell_s)
         sensors = log.sensors.suited_to(walk)
         self._bank = sensors.bank(
-            robot, log.space, walk.contact_bodies, walk.timestep_s, n_models, n_threads=options.threads
+            robot, log.space, walk.contact_bodies, walk.timestep_s, n_models, options.threads, slopes=True
         )
         self._forgetting_rate = sensors.forgetting_rate
         self._columns = np.arange(len(log.space)) if columns is None else columns

@@ -10,7 +10,7 @@ import numpy as np
 from massid.model.realisation import SensorErrors
 from massid.model.robot import Robot
 from massid.observer.engine import BatchEngine
-from massid.observer.injection import InertiaShapedInjection, OutputInjection
+from massid.observer.injection import InertiaShapedInjection, OutputInjection, Trajectory
 from massid.observer.inputs import BelievedBlock
 from massid.observer.kernels import correct_state, state_difference
 from massid.observer.replay import BLOCK_STEPS, ReplayBlock, replay_block, split
@@ -145,6 +145,7 @@ class RobotBank(Bank[ReplayBlock]):
         addresses = (layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof)
         self._last_measured = (block.qpos[-1].copy(), block.qvel[-1].copy())
         errors = np.empty((len(block), *innovation.shape))
+        position, velocity, after = (np.empty((len(block), rows.shape[1])) for rows in (engine.qpos, *[engine.qvel] * 2))
         with engine.quiet(), np.errstate(invalid="ignore", over="ignore"):
             for k in range(len(block)):
                 if gains.state is not None:
@@ -153,17 +154,22 @@ class RobotBank(Bank[ReplayBlock]):
                 if gains.force is not None:
                     np.matmul(innovation, gains.force[k].T, out=injected)
                     np.add(engine.force, injected, out=engine.force)
+                position[k], velocity[k] = engine.qpos[0], engine.qvel[0]
                 engine.step(self._substeps)
+                after[k] = engine.qvel[0]
                 self._compare(block.qpos[k + 1], block.qvel[k + 1])
                 np.negative(innovation, out=errors[k])
             if gains.whitener.ndim == 1:
                 errors *= gains.whitener
             else:
                 errors = errors @ gains.whitener.transpose(0, 2, 1)
+        shown = self._injection.shown(gains, Trajectory(position, velocity, (after - velocity) / self._timestep_s))
         return OutputErrors(
             values=errors.transpose(1, 0, 2),
             diverged=engine.diverged(),
             tangents=None if gains.tangents is None else gains.tangents.transpose(1, 0, 2),
+            shown=None if shown is None else shown[1],
+            shown_columns=None if shown is None else shown[0],
         )
 
     def replay(

@@ -16,7 +16,7 @@ import numpy as np
 from massid.model.realisation import Realisation
 from massid.observer.inputs import BelievedBlock
 from massid.observer.replay import ReplayBlock
-from massid.typing import FloatArray
+from massid.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,21 @@ class InjectionGains:
     whitener: FloatArray
     tangents: FloatArray | None = None
     inputs: BelievedBlock | None = None
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """How a model went through a block.
+
+    Attributes:
+        position: from which each step began, shape (n, nq).
+        velocity: likewise, shape (n, nv).
+        acceleration: mean of each step, shape (n, nv).
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
 
 
 class OutputInjection(Protocol):
@@ -70,6 +85,9 @@ class OutputInjection(Protocol):
 
     def gains(self, block: ReplayBlock) -> InjectionGains:
         """Gains for the samples of the block that comes next."""
+
+    def shown(self, gains: InjectionGains, centre: Trajectory) -> tuple[IntArray, FloatArray] | None:
+        """What the centre showed along a block, where `InjectionGains.tangents` do not; see `OutputErrors.shown`."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +127,9 @@ class InertiaShapedInjection:
     def state_shift(self, tangent_changes: FloatArray) -> FloatArray:
         """Nothing: this injection knows no tangents."""
         return np.zeros((len(tangent_changes), 2 * self.model.nv))
+
+    def shown(self, gains: InjectionGains, centre: Trajectory) -> None:
+        """Nothing: the models show all there is."""
 
     def gains(self, block: ReplayBlock) -> InjectionGains:
         """Gains at the measured positions of the block."""

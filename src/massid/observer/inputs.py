@@ -10,7 +10,7 @@ unbiased however well the noise levels are known (the method of instrumental var
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -40,12 +40,15 @@ class BelievedBlock(ReplayBlock):
         friction_loss: that the engine is to have: without limit where a joint sticks, else 0, shape (n, nv) [N m or N].
         friction_variance: of white noise that stands for unknown friction, shape (n, n_joints) [N^2 m^2].
         motion: what the columns of the Jacobian are made of: averages around the samples, but for the positions.
+        readings: the same motion with torques and wrenches as they were read, which is what drives the models; its
+            accelerations are left to whoever has a model.
     """
 
     friction: FloatArray
     friction_loss: FloatArray
     friction_variance: FloatArray
     motion: Motion
+    readings: Motion
 
     def generalised_force(self, k: int) -> FloatArray:
         """Everything but the wrenches that acts in step k, shape (nv,) [N m or N]."""
@@ -82,6 +85,10 @@ class InputBelief:
         rubs = unknown_friction or bool(np.any(model.dof_frictionloss > 0.0))
         self._stick_slip = StickSlip(model, layout, noise, self._timestep_s) if rubs else None
         self._before: tuple[FloatArray, ...] = ()
+        n_joints = len(self._joint_dof)
+        self._velocity_std = layout.to_qvel(noise.state_std(n_joints)[6 + n_joints :])
+        self._effort_std = self._by_dof(np.full((1, n_joints), noise.effort))[0]
+        self._wrench_std = np.tile(noise.wrench_std(), model.nu // 6)
 
     @property
     def look_ahead(self) -> int:
@@ -110,8 +117,8 @@ class InputBelief:
             parts.append((block.ahead.qpos[:-1], block.ahead.qvel[:-1], block.ahead.effort, block.ahead.wrench))
         qpos, qvel, effort, wrench = (np.vstack([part[i] for part in parts]) for i in range(4))
         if self._sensors is not None:
-            effort = _read_later(effort, self._sensors.effort_lag[0, 0] / self._timestep_s)
-            wrench = _read_later(wrench, self._sensors.wrench_lag[0, 0] / self._timestep_s)
+            effort = self._read_later(effort, self._sensors.effort_lag[0, 0])
+            wrench = self._read_later(wrench, self._sensors.wrench_lag[0, 0])
         own = slice(first, first + n)
         readings = effort[own], wrench[own]
         loaded = np.repeat(~is_unloaded(wrench, self._noise, self._timestep_s), 6, axis=1).astype(np.float64)
@@ -126,6 +133,17 @@ class InputBelief:
         loss = np.where(rubbing.sticks, UNLIMITED, 0.0)
         friction, friction_loss, sliding = (self._by_dof(rows) for rows in (rubbing.torque, loss, rubbing.sliding))
         spans = self._spans
+        motion = Motion(
+            position=qpos[own],
+            velocity=level(qvel, own, spans, self._velocity_std),
+            acceleration=slope(qvel, own, spans, self._velocity_std) / self._timestep_s,
+            effort=level(effort, own, spans, self._effort_std),
+            wrench=level(wrench, own, spans, self._wrench_std) * loaded[own],
+            effort_rate=slope(effort, own, spans, self._effort_std) / self._timestep_s,
+            wrench_rate=slope(wrench, own, spans, self._wrench_std) / self._timestep_s * loaded[own],
+            loaded=loaded[own],
+            sliding=sliding,
+        )
         return BelievedBlock(
             qpos=block.qpos,
             qvel=block.qvel,
@@ -134,18 +152,19 @@ class InputBelief:
             friction=friction,
             friction_loss=friction_loss,
             friction_variance=rubbing.variance,
-            motion=Motion(
-                position=qpos[own],
-                velocity=level(qvel, own, spans),
-                acceleration=slope(qvel, own, spans) / self._timestep_s,
-                effort=level(effort, own, spans),
-                wrench=level(wrench, own, spans) * loaded[own],
-                effort_rate=slope(effort, own, spans) / self._timestep_s,
-                wrench_rate=slope(wrench, own, spans) / self._timestep_s * loaded[own],
-                loaded=loaded[own],
-                sliding=sliding,
-            ),
+            motion=motion,
+            readings=replace(motion, effort=effort[own], wrench=wrench[own]),
         )
+
+    def _read_later(self, rows: FloatArray, lag_s: float) -> FloatArray:
+        """Rows as they are some time later, by the slope of the readings around each.
+
+        Not on straight lines between readings: those average their noise, half a sample the most, and a lag that is
+        not there would score better for it.
+        """
+        if lag_s == 0.0:
+            return rows
+        return np.asarray(rows + lag_s / self._timestep_s * slope(rows, slice(0, len(rows)), self._spans))
 
     def _by_dof(self, rows: FloatArray) -> FloatArray:
         """Columns of joints as columns of degrees of freedom, zero at the base."""
@@ -167,13 +186,3 @@ class InputBelief:
         effort[:, self._joint_dof] -= sensors["effort_offset"]
         effort[:, self._joint_dof] /= 1.0 + sensors["effort_gain"]
         return qpos, qvel, effort, (wrench - sensors["wrench_offset"]) / (1.0 + sensors["wrench_gain"])
-
-
-def _read_later(rows: FloatArray, samples: float) -> FloatArray:
-    """Rows as they are so many samples later, between samples on a straight line; at the end the last one is held."""
-    if samples == 0.0:
-        return rows
-    below = int(np.floor(samples))
-    share = samples - below
-    first, second = (np.clip(np.arange(len(rows)) + below + k, 0, len(rows) - 1) for k in (0, 1))
-    return np.asarray((1.0 - share) * rows[first] + share * rows[second])

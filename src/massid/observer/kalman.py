@@ -11,6 +11,7 @@ states.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -19,12 +20,12 @@ from scipy.linalg import lapack
 from massid.errors import BadInputError
 from massid.model.layout import JointLayout
 from massid.model.realisation import Realisation
-from massid.observer.injection import InjectionGains
+from massid.observer.injection import InjectionGains, Trajectory
 from massid.observer.inputs import BelievedBlock, InputBelief
 from massid.observer.linearisation import Lineariser, StepLinearisation
 from massid.observer.replay import ReplayBlock
 from massid.observer.tangents import TangentFilter
-from massid.typing import FloatArray
+from massid.typing import FloatArray, IntArray
 from massid.walk.noise import SensorNoise
 
 
@@ -37,6 +38,7 @@ class KalmanInjection:
         noise: standard deviations of the sensors.
         inputs: what is known of the inputs besides their readings.
         tangents: parameters that enter by their derivative; None for none.
+        slopes: of those whose columns are not what the models show, what these do show; None for none.
         hold_steps: samples for which a linearisation is kept.
 
     Raises:
@@ -53,11 +55,14 @@ class KalmanInjection:
         noise: SensorNoise,
         inputs: InputBelief,
         tangents: TangentFilter | None = None,
+        slopes: TangentFilter | None = None,
         hold_steps: int = 5,
     ) -> None:
         self._lineariser = lineariser
         self._hold_steps = hold_steps
         self._tangents = tangents
+        self._slopes = slopes
+        self._steps: list[StepLinearisation] = []
         n_joints = len(layout.joint_dof)
         std = noise.state_std(n_joints)
         if not np.all(std > 0.0):
@@ -86,8 +91,9 @@ class KalmanInjection:
         self._gain = np.zeros_like(self._covariance)
         if not follows:
             self._inputs.restart()
-        if self._tangents:
-            self._tangents.restart()
+        for filtered in (self._tangents, self._slopes):
+            if filtered:
+                filtered.restart()
 
     def state_shift(self, tangent_changes: FloatArray) -> FloatArray:
         """By how much states would differ, had the tangent parameters been different.
@@ -117,10 +123,12 @@ class KalmanInjection:
         root_h = np.sqrt(self._lineariser.period_s)
         if self._tangents:
             self._tangents.enter(inputs.motion)
+        self._steps = []
         for k in range(n):
             if k % self._hold_steps == 0:
                 linear = self._lineariser.step(inputs, k)
                 process = self._process_noise(linear, inputs, k)
+            self._steps.append(linear)
             gains[k] = self._gain
             predicted = linear.transition @ self._covariance @ linear.transition.T + process
             predicted = 0.5 * (predicted + predicted.T)
@@ -138,6 +146,28 @@ class KalmanInjection:
             self._gain = scaled.T @ inverse_factor
             self._covariance = predicted - scaled.T @ scaled
         return InjectionGains(force=None, state=gains, whitener=whiteners, tangents=tangents, inputs=inputs)
+
+    def shown(self, gains: InjectionGains, centre: Trajectory) -> tuple[IntArray, FloatArray] | None:
+        """What the centre showed along a block that it has run through, where columns of the Jacobian do not.
+
+        Args:
+            gains: of the block.
+            centre: how it went.
+
+        Returns:
+            Which columns, shape (m,), and they, shape (m, n, n_y); None if nobody wants to know.
+        """
+        if self._slopes is None or gains.inputs is None:
+            return None
+        readings = gains.inputs.readings
+        motion = replace(
+            readings, position=centre.position, velocity=centre.velocity, acceleration=centre.acceleration
+        )
+        self._slopes.enter(motion)
+        out = np.empty((self._slopes.count, len(motion), len(self._variance)))
+        for k, linear in enumerate(self._steps):
+            out[:, k] = (gains.whitener[k] @ self._slopes.step(k, gains.state[k], linear)).T
+        return self._slopes.columns, out
 
     def _process_noise(self, linear: StepLinearisation, inputs: BelievedBlock, k: int) -> FloatArray:
         """Covariance that noisy inputs and unknown friction add in one step, shape (2 nv, 2 nv)."""

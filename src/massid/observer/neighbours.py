@@ -1,4 +1,10 @@
-"""Averages and slopes at a sample from its neighbours on both sides, without itself and those next to it."""
+"""Averages and slopes at a sample from its neighbours on both sides, without itself and those next to it.
+
+Far from impacts a side is a straight line of its own: what its slope keeps of the noise has no mean, so it has nothing
+in common with a filter that remembers for longer than a reach. Where something jumps, such lines see nothing of it, for
+it is over within the gap. One line through both sides does, and the shorter the more; it is taken where it differs by
+more than noise can make it.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +15,55 @@ from massid.observer.spans import Spans
 from massid.typing import FloatArray
 
 
-def level(rows: FloatArray, own: slice, spans: Spans) -> FloatArray:
-    """Averages of both sides' neighbours, for some of the rows."""
+SURE = 8.0
+"""Standard deviations of noise that a shorter line must differ by, in any channel, to be taken."""
+
+
+def level(rows: FloatArray, own: slice, spans: Spans, std: FloatArray | None = None) -> FloatArray:
+    """Averages of both sides' neighbours, for some of the rows.
+
+    Args:
+        rows: readings, shape (n, channels).
+        own: for which of them.
+        spans: gap and reach.
+        std: of the readings' white noise, shape (channels,); None to keep to the widest neighbours everywhere.
+    """
     width = spans.reach - spans.gap
-    return _from_sides(rows, own, spans, np.full(width, 1.0 / width))
+    found = _from_sides(rows, own, spans, np.full(width, 1.0 / width))
+    return found if std is None else _sharpened(found, rows, own, spans, std, _level_weights)
 
 
-def slope(rows: FloatArray, own: slice, spans: Spans) -> FloatArray:
-    """Slopes of straight lines through both sides' neighbours, for some of the rows, per row."""
+def slope(rows: FloatArray, own: slice, spans: Spans, std: FloatArray | None = None) -> FloatArray:
+    """Slopes of straight lines through both sides' neighbours, for some of the rows, per row; see `level`."""
     width = spans.reach - spans.gap
     offsets = np.arange(width) - 0.5 * (width - 1)
-    return _from_sides(rows, own, spans, offsets / (offsets @ offsets))
+    found = _from_sides(rows, own, spans, offsets / (offsets @ offsets))
+    return found if std is None else _sharpened(found, rows, own, spans, std, _slope_weights)
+
+
+def _level_weights(gap: int, reach: int) -> FloatArray:
+    weights = np.ones(2 * reach + 1)
+    weights[reach - gap : reach + gap + 1] = 0.0
+    return weights / weights.sum()
+
+
+def _slope_weights(gap: int, reach: int) -> FloatArray:
+    offsets = np.arange(-reach, reach + 1.0)
+    offsets[reach - gap : reach + gap + 1] = 0.0
+    return np.asarray(offsets / (offsets @ offsets))
+
+
+def _sharpened(found, rows, own, spans, std, weights_of) -> FloatArray:
+    """Shorter lines in the place of longer ones where they surely differ."""
+    k, n = np.arange(own.start, own.stop), len(rows)
+    for gap, reach in spans.finer:
+        weights = weights_of(gap, reach)
+        value = correlate1d(rows, weights, axis=0)[own]
+        spread = std * np.linalg.norm(weights)
+        inside = (k >= reach) & (k < n - reach)
+        differs = (np.abs(value - found) > SURE * spread) & inside[:, None]
+        found = np.where(differs, value, found)
+    return found
 
 
 def _from_sides(rows: FloatArray, own: slice, spans: Spans, weights: FloatArray) -> FloatArray:

@@ -52,8 +52,10 @@ class ExactSensors:
         timestep_s: float,
         n_models: int,
         n_threads: int = 0,
+        *,
+        slopes: bool = False,
     ) -> RobotBank:
-        """Identification models with inertia-shaped injection; see `RobotBank`.
+        """Identification models with inertia-shaped injection; see `RobotBank`. They show all slopes themselves.
 
         Raises:
             ModelError: a contact body is not in the model.
@@ -94,6 +96,7 @@ class NoisySensors:
         n_threads: int = 0,
         *,
         tangents: bool = True,
+        slopes: bool = False,
     ) -> RobotBank:
         """Identification models with the Kalman gain; they take their own steps within a longer sample period.
 
@@ -105,6 +108,7 @@ class NoisySensors:
             n_models: size of the bank.
             n_threads: worker threads; 0 for one per processor.
             tangents: whether to compute derivatives; not for who wants output errors alone.
+            slopes: whether to compute how the score changes, too; not for who sees a window once.
 
         Raises:
             ModelError: a contact body is not in the model.
@@ -124,12 +128,15 @@ class NoisySensors:
         model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
         lineariser = Lineariser(copy.copy(model), robot.layout, substeps)
         columns = TangentFilter(robot, space, contact_bodies, lineariser) if tangents else None
+        shown = None
+        if columns is not None and slopes:
+            shown = TangentFilter(robot, space, contact_bodies, lineariser, columns.depend_on_inputs)
         return RobotBank(
             robot,
             space,
             contact_bodies,
             n_models,
-            KalmanInjection(lineariser, robot.layout, self.noise, beliefs, columns),
+            KalmanInjection(lineariser, robot.layout, self.noise, beliefs, columns, shown),
             timestep_s=timestep_s,
             substeps=substeps,
             n_threads=n_threads,

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 GAP_S, REACH_S = 0.005, 0.02
 """The motion at a sample is estimated from those more than a gap and at most a reach before and after it [s]. The reach
 is that of a walk; slower motion bears a longer one."""
+FINER_S = ((GAP_S, REACH_S), (0.003, 0.01), (0.002, 0.006))
+"""Gaps and reaches of shorter lines, for what changes faster [s]."""
 HALF_WIDTH_S = 0.007
 """Forces that tell load, and velocities that tell friction, are averaged over so much before and after them [s]."""
 BRIEF_S = 0.001
@@ -38,6 +40,7 @@ class Spans:
     half_width: int
     brief: int
     settling: int
+    finer: tuple[tuple[int, int], ...] = ()
 
     @classmethod
     def at(cls, timestep_s: float, reach_s: float = REACH_S) -> Spans:
@@ -45,7 +48,12 @@ class Spans:
         gap, reach, half_width, brief, settling = (
             max(1, round(span_s / timestep_s)) for span_s in (GAP_S, reach_s, HALF_WIDTH_S, BRIEF_S, SETTLING_S)
         )
-        return cls(gap, max(reach, gap + LEAST_NEIGHBOURS), half_width, brief, settling)
+        finer = []
+        for gap_s, span_s in FINER_S:
+            pair = (max(1, round(gap_s / timestep_s)), max(1, round(span_s / timestep_s)))
+            if pair[1] >= pair[0] + 2 and pair not in finer:
+                finer.append(pair)
+        return cls(gap, max(reach, gap + LEAST_NEIGHBOURS), half_width, brief, settling, tuple(finer))
 
     @property
     def width(self) -> int:

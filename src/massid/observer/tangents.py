@@ -8,6 +8,7 @@ measurement; one column each, for the price of a matrix product.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from massid.model.robot import Robot
 from massid.model.unknowns.unknown import unknowns_of
 from massid.observer.linearisation import Lineariser, StepLinearisation
 from massid.search.parameters import ParameterSpace
-from massid.typing import FloatArray
+from massid.typing import FloatArray, IntArray
 
 
 class TangentFilter:
@@ -28,24 +29,32 @@ class TangentFilter:
         space: all unknowns that the lineariser is placed with.
         contact_bodies: bodies whose wrench is measured, in the order of the blocks' columns.
         lineariser: the model at the current estimate.
+        columns: which of the unknowns; default all.
 
     Raises:
         BadInputError: an unknown changes no body and has no effect of its own.
     """
 
     def __init__(
-        self, robot: Robot, space: ParameterSpace, contact_bodies: Sequence[str], lineariser: Lineariser
+        self,
+        robot: Robot,
+        space: ParameterSpace,
+        contact_bodies: Sequence[str],
+        lineariser: Lineariser,
+        columns: IntArray | None = None,
     ) -> None:
         self._lineariser = lineariser
-        self._unknowns, self._channels = unknowns_of(space), robot.channels(contact_bodies)
-        self._measured: FloatArray = np.zeros((2 * robot.model.nv, len(space)))
-        changing = robot.realise(space, space.nominal, contact_bodies).inertia_slopes.unknowns
+        self._columns = np.arange(len(space)) if columns is None else columns
+        self._unknowns = [unknowns_of(space)[k] for k in self._columns]
+        self._channels = robot.channels(contact_bodies)
+        self._measured: FloatArray = np.zeros((2 * robot.model.nv, self.count))
+        self._changing = robot.realise(space, space.nominal, contact_bodies).inertia_slopes.unknowns
         rest, blind = Motion.at_rest(self._channels), []
-        for column, unknown in enumerate(self._unknowns):
+        for row, unknown in enumerate(self._unknowns):
             effect = unknown.effect(rest, self._channels)
             if effect.measured is not None:
-                self._measured[:, column] = effect.measured
-            if effect.is_nothing and column not in changing:
+                self._measured[:, row] = effect.measured
+            if effect.is_nothing and self._columns[row] not in self._changing:
                 blind.append(unknown.name)
         if blind:
             raise BadInputError(
@@ -53,12 +62,33 @@ class TangentFilter:
                 "its class needs an `effect`, or must change bodies."
             )
         self._state: FloatArray = -self._measured
-        self._acting: tuple[FloatArray, FloatArray] = (np.zeros((len(space), 0, 0)),) * 2
+        self._acting: tuple[FloatArray, FloatArray] = (np.zeros((self.count, 0, 0)),) * 2
+
+    @property
+    def columns(self) -> IntArray:
+        """Which of the unknowns have columns, shape (n_p,)."""
+        return self._columns
+
+    @property
+    def depend_on_inputs(self) -> IntArray:
+        """Those of the columns that torques and wrenches change, or what these accelerate, shape (m,)."""
+        rest = Motion.at_rest(self._channels)
+        loaded = replace(rest, loaded=rest.loaded + 1.0)
+        acting = replace(
+            loaded, acceleration=rest.acceleration + 1.0, effort=rest.effort + 1.0, wrench=rest.wrench + 1.0
+        )
+        found = []
+        for column, unknown in zip(self._columns, self._unknowns, strict=True):
+            before, after = unknown.effect(loaded, self._channels), unknown.effect(acting, self._channels)
+            same = all(np.array_equal(getattr(before, part), getattr(after, part)) for part in ("force", "wrench"))
+            if column in self._changing or not same:
+                found.append(column)
+        return np.array(found, dtype=np.int64)
 
     @property
     def count(self) -> int:
         """Number of columns."""
-        return len(self._state.T)
+        return len(self._columns)
 
     @property
     def state(self) -> FloatArray:
@@ -79,10 +109,11 @@ class TangentFilter:
                 force[column] = effect.force
             if effect.wrench is not None:
                 wrench[column] = effect.wrench
-        changing = self._lineariser.changing
+        row_of = {column: row for row, column in enumerate(self._columns.tolist())}
         asked = np.array([self._lineariser.inertial_forces(motion, k) for k in range(n)])
-        for row, column in enumerate(changing):
-            force[column] -= asked[:, :, row]
+        for k, column in enumerate(self._lineariser.changing.tolist()):
+            if column in row_of:
+                force[row_of[column]] -= asked[:, :, k]
         self._acting = force, wrench
 
     def step(self, k: int, gain: FloatArray, linear: StepLinearisation) -> FloatArray:

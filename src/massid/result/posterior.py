@@ -64,19 +64,11 @@ class ScoreScatter:
     def add(self, belief: LocalQuadratic, window: LocalQuadratic) -> None:
         """Take in a window, before it is added to the belief that it met."""
         known, own = inverse(0.5 * belief.curvature), 0.5 * window.curvature
-        influence = _influence(belief + window)[: self._asked]
+        influence = inverse(0.5 * (belief + window).curvature)[: self._asked]
         effect = influence @ (0.5 * window.shifted(belief.centre - known @ (0.5 * belief.gradient)).gradient)
         expected = influence @ (own + own @ known @ own) @ influence.T
         self._found += float(effect @ np.linalg.solve(expected, effect))
         self._expected += self._asked
-
-
-def _influence(total: LocalQuadratic) -> FloatArray:
-    """By how much a unit of score moves the estimate: M^-1, shape (n_p, n_p)."""
-    information = inverse(0.5 * total.symmetric().curvature)
-    if total.slope is None:
-        return information
-    return np.asarray(information @ (0.5 * total.slope).T @ inverse(0.5 * total.curvature))
 
 
 def posterior(
@@ -94,10 +86,10 @@ def posterior(
         windows: each window's own part, without the prior; none if they were not kept.
         inflation: what is known of it otherwise, at least 1.
     """
-    covariance = inverse(0.5 * total.symmetric().curvature)
+    covariance = inverse(0.5 * total.curvature)
     asked = space.n_sampled
     if windows:
-        influence = _influence(total)[:asked]
+        influence = covariance[:asked]
         effects = np.array([influence @ (0.5 * window.shifted(total.centre).gradient) for window in windows])
         expected = sum(0.5 * influence @ window.curvature @ influence.T for window in windows)
         scatter = np.trace(np.linalg.solve(covariance[:asked, :asked], effects.T @ effects))

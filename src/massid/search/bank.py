@@ -24,11 +24,16 @@ class OutputErrors:
         tangents: derivatives of the centre's values by the last coordinates of the points, at least those that no
             models are sampled in, shape (n, n_steps, n_y); None for no such coordinates. Where they are given they
             stand for what the samples show.
+        shown: what the centre itself shows where that is not `tangents`, because those share no noise with its output
+            errors on purpose, shape (m, n_steps, n_y); None where it is the same for all.
+        shown_columns: whose, shape (m,).
     """
 
     values: FloatArray
     diverged: BoolArray
     tangents: FloatArray | None = None
+    shown: FloatArray | None = None
+    shown_columns: IntArray | None = None
 
 
 class Bank(ABC, Generic[Block]):

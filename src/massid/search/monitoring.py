@@ -38,6 +38,7 @@ class MonitoringFilter:
         self._gram: FloatArray = np.zeros((n_models, n_models))
         self._diverged: BoolArray = np.zeros(n_models, dtype=np.bool_)
         self._samples = 0
+        self._shown: IntArray | None = None
 
     def update(self, errors: OutputErrors) -> None:
         """Add a block of output errors, shape (n_models, n_steps, n_y)."""
@@ -49,6 +50,9 @@ class MonitoringFilter:
         rows = weighted.reshape(n_models, -1)
         if errors.tangents is not None:
             rows = np.vstack([rows, (errors.tangents * weight[:, None]).reshape(len(errors.tangents), -1)])
+        if errors.shown is not None:
+            rows = np.vstack([rows, (errors.shown * weight[:, None]).reshape(len(errors.shown), -1)])
+            self._shown = errors.shown_columns
         if len(self._gram) != len(rows):
             self._gram = np.zeros((len(rows), len(rows)))
         self._gram *= np.exp(-self._rate * self._timestep_s * n_steps)
@@ -63,6 +67,7 @@ class MonitoringFilter:
             diverged=self._diverged,
             samples=self._samples,
             prior=prior,
+            shown=self._shown,
         )
 
 
@@ -77,6 +82,7 @@ class Monitoring:
         diverged: models that left the finite numbers, shape (n_models,); never ranked.
         samples: number of scalar output errors behind each entry of G.
         prior: what is known besides, in units of mu: beliefs, or the windows before; None for nothing.
+        shown: coordinates whose derivatives as the centre shows them are in rows of their own, the last of G.
     """
 
     proposal: Proposal
@@ -84,6 +90,7 @@ class Monitoring:
     diverged: BoolArray
     samples: int
     prior: LocalQuadratic | None = None
+    shown: IntArray | None = None
 
     def __add__(self, other: Monitoring) -> Monitoring:
         """Sum over windows: a model that diverged in one of them is out."""
@@ -93,6 +100,7 @@ class Monitoring:
             diverged=self.diverged | other.diverged,
             samples=self.samples + other.samples,
             prior=self.prior,
+            shown=self.shown,
         )
 
     def embedded(self, proposal: Proposal, columns: IntArray) -> Monitoring:
@@ -103,11 +111,20 @@ class Monitoring:
             columns: where the own coordinates are among them.
         """
         n_models, n_points = len(self.diverged), proposal.points.shape[1]
-        first = len(columns) - (len(self.gram) - n_models)
+        n_shown = 0 if self.shown is None else len(self.shown)
+        n_tangents = len(self.gram) - n_models - n_shown
+        first = len(columns) - n_tangents
+        own = np.arange(n_models + n_tangents)
         rows = np.concatenate([np.arange(n_models), n_models - first + columns[first:]])
-        gram = np.zeros((n_models + n_points - first,) * 2)
-        gram[np.ix_(rows, rows)] = self.gram
-        return replace(self, proposal=proposal, gram=gram)
+        size, shown = n_models + n_points - first, self.shown
+        if shown is not None:
+            as_shown = own[-n_tangents:].copy()
+            as_shown[shown - first] = n_models + n_tangents + np.arange(n_shown)
+            own, rows = np.concatenate([own, as_shown]), np.concatenate([rows, size - first + columns[first:]])
+            size, shown = size + n_points - first, np.arange(first, n_points)
+        gram = np.zeros((size, size))
+        gram[np.ix_(rows, rows)] = self.gram[np.ix_(own, own)]
+        return replace(self, proposal=proposal, gram=gram, shown=shown)
 
     @cached_property
     def mu(self) -> FloatArray:
@@ -143,14 +160,14 @@ class Monitoring:
         Raises:
             DivergedBankError: see `require_finite`.
         """
-        window = self.window_quadratic()
-        return replace(window if self.prior is None else window + self.prior, slope=None)
+        window = self.window_quadratic().symmetric()
+        return window if self.prior is None else window + self.prior
 
     def window_quadratic(self) -> LocalQuadratic:
         """The part of `local_quadratic` that this window brought, from the models that stayed finite.
 
-        Where the bank supplies columns Z for what the samples span, too, the gradient's own slope 2 Z^T J comes with
-        it. It is not symmetric: Z is smoother than J, and what nuisances explain of a mass is the product of both.
+        Where the bank also says what the centre shows, J, the gradient's own slope 2 Z^T J comes with it. It is not
+        symmetric: Z is smoother than J, and what nuisances explain of a mass is the product of both.
 
         Raises:
             DivergedBankError: see `require_finite`.
@@ -173,14 +190,18 @@ class Monitoring:
         residual = -affine
         residual[np.arange(len(samples)), samples] += 1.0
         explained, unexplained = (np.einsum("ij,jk,ik->i", rows, self.gram, rows) for rows in (change, residual))
-        supplied, slope = len(self.gram) - n_points, None
+        n_shown = 0 if self.shown is None else len(self.shown)
+        supplied, slope = len(self.gram) - n_points - n_shown, None
         if supplied:
             sampled = transform[1 : 1 + n_sampled].copy()
             transform[-supplied:] = 0.0
-            transform[-supplied:, n_points:] = np.eye(supplied)
-            derivatives = transform[1:].copy()
-            derivatives[:n_sampled] = sampled
-            slope = 2.0 * transform[1:] @ self.gram @ derivatives.T
+            transform[-supplied:, n_points : n_points + supplied] = np.eye(supplied)
+            if self.shown is not None:
+                derivatives = transform[1:].copy()
+                derivatives[self.shown] = 0.0
+                derivatives[self.shown, n_points + supplied + np.arange(n_shown)] = 1.0
+                derivatives[:n_sampled] = sampled
+                slope = 2.0 * transform[1:] @ self.gram @ derivatives.T
         moments = transform @ self.gram @ transform.T
         return LocalQuadratic(
             centre=self.proposal.points[centre],

@@ -75,9 +75,20 @@ class LocalQuadratic:
         """
         if self.slope is None:
             return self
-        weighted = self.slope.T @ inverse(self.curvature)
-        curvature = weighted @ self.slope
-        return replace(self, gradient=weighted @ self.gradient, curvature=0.5 * (curvature + curvature.T), slope=None)
+        weights = self.weights
+        curvature = weights @ self.slope
+        return replace(self, gradient=weights @ self.gradient, curvature=0.5 * (curvature + curvature.T), slope=None)
+
+    @property
+    def weights(self) -> FloatArray:
+        """What the gradient is multiplied by to be that of the symmetric quadratic, M^T N^-1, shape (n_p, n_p)."""
+        return np.eye(len(self.centre)) if self.slope is None else self.slope.T @ inverse(self.curvature)
+
+    def weighed(self, weights: FloatArray) -> LocalQuadratic:
+        """One of several parts, with the weights of their sum; its curvature stays the covariance of its gradient."""
+        return replace(
+            self, gradient=weights @ self.gradient, curvature=weights @ self.curvature @ weights.T, slope=None
+        )
 
     def marginal(self, kept: IntArray) -> LocalQuadratic:
         """What it says about some coordinates, the others having settled wherever they fit best.
