@@ -8,7 +8,7 @@ from massid.model.realisation import Realisation, write_fields
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space, parameter_space
 from massid.observer.bank import RobotBank
-from massid.observer.injection import InertiaShapedInjection, InjectionGains
+from massid.observer.injection import InertiaShapedInjection, InjectionGains, Trajectory
 from massid.observer.kernels import correct_state, state_difference
 from massid.observer.replay import ReplayBlock, replay_block, split
 from massid.typing import FloatArray
@@ -121,6 +121,8 @@ def test_diverged_models_are_reported_and_the_others_go_on(pushed: Pushed, capfd
         def gains(self, block: ReplayBlock) -> InjectionGains:
             nv = block.qvel.shape[1]
             return InjectionGains(np.full((len(block), nv, 2 * nv), -1e9), None, np.ones(2 * nv))
+
+        def shown(self, gains: InjectionGains, centre: Trajectory) -> None: ...
 
     bank = RobotBank(pushed.robot, pushed.space, pushed.walk.contact_bodies, n_models=2, injection=Explosive())
     block = replay_block(pushed.walk, pushed.robot.layout, Segment(0, 51))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from massid.errors import DivergedBankError
-from massid.search.bank import OutputErrors
+from massid.search.bank import OutputErrors, Shown
 from massid.search.gradient import GradientEstimator, estimate_gradient, ransac_inliers
 from massid.search.guided import GuidedSearch
 from massid.search.monitoring import MonitoringFilter
@@ -167,6 +167,7 @@ def test_noise_in_the_instruments_is_not_taken_for_information() -> None:
             values=(error + proposal.points * derivative)[:, :, None],
             diverged=np.zeros(3, dtype=np.bool_),
             tangents=(derivative + rng.normal(size=2000))[None, :, None],
+            shown=Shown(np.array([0]), derivative[None, :, None]),
         )
         scores = MonitoringFilter(3, timestep_s=1.0)
         scores.update(errors)

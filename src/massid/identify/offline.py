@@ -70,7 +70,7 @@ def identify_offline(
     total = reduce(add, run.scores).window_quadratic()
     told = total.symmetric()
     information = (told if prior is None else told + prior).shifted(run.estimate)
-    windows = [score.window_quadratic().shifted(run.estimate) for score in run.scores]
+    parts = [score.window_quadratic().shifted(run.estimate) for score in run.scores]
     result = conclude(
         robot,
         Findings(
@@ -78,7 +78,7 @@ def identify_offline(
             run.estimate,
             information,
             total,
-            tuple(window.weighed(total.weights) for window in windows),
+            tuple(part.weighed(total.weights) for part in parts),
             rise=run.rise,
         ),
         inference,

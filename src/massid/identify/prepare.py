@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from massid.errors import BadInputError
 from massid.identify.inference import inference_for
 from massid.identify.logs import PreparedLog
 from massid.identify.options import IdentifyOptions
 from massid.identify.sensing import choose_sensors, clean_doubts
+from massid.identify.stepping import with_suitable_steps
 from massid.model.robot import Robot
 from massid.model.unknowns.unknown import unknowns_of
 from massid.observer.sensors import ExactSensors, NoisySensors, SensorModel
@@ -50,7 +52,11 @@ def prepare_logs(
     for k, one in enumerate(walks):
         walk = robot.align(one)
         sensors = choose_sensors(walk, robot, options, explained=exact is not None and exact[k])
-        logs.append(prepare_log(walk, robot, asked, sensors, options))
+        notes: tuple[str, ...] = ()
+        if isinstance(sensors, NoisySensors):
+            sensors, notes = with_suitable_steps(sensors, walk, robot, asked)
+        log = prepare_log(walk, robot, asked, sensors, options)
+        logs.append(replace(log, doubts=(*log.doubts, *notes)))
     noisy = [log.walk.source for log in logs if isinstance(log.sensors, NoisySensors)]
     clean = [log.walk.source for log in logs if isinstance(log.sensors, ExactSensors)]
     if noisy and clean:

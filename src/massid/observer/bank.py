@@ -145,7 +145,8 @@ class RobotBank(Bank[ReplayBlock]):
         addresses = (layout.root_qpos, layout.root_dof, layout.joint_qpos, layout.joint_dof)
         self._last_measured = (block.qpos[-1].copy(), block.qvel[-1].copy())
         errors = np.empty((len(block), *innovation.shape))
-        position, velocity, after = (np.empty((len(block), rows.shape[1])) for rows in (engine.qpos, *[engine.qvel] * 2))
+        position = np.empty((len(block), engine.qpos.shape[1]))
+        velocity, after = np.empty((2, len(block), engine.qvel.shape[1]))
         with engine.quiet(), np.errstate(invalid="ignore", over="ignore"):
             for k in range(len(block)):
                 if gains.state is not None:
@@ -168,8 +169,7 @@ class RobotBank(Bank[ReplayBlock]):
             values=errors.transpose(1, 0, 2),
             diverged=engine.diverged(),
             tangents=None if gains.tangents is None else gains.tangents.transpose(1, 0, 2),
-            shown=None if shown is None else shown[1],
-            shown_columns=None if shown is None else shown[0],
+            shown=shown,
         )
 
     def replay(

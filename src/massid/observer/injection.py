@@ -16,7 +16,8 @@ import numpy as np
 from massid.model.realisation import Realisation
 from massid.observer.inputs import BelievedBlock
 from massid.observer.replay import ReplayBlock
-from massid.typing import FloatArray, IntArray
+from massid.search.bank import Shown
+from massid.typing import FloatArray
 
 
 @dataclass(frozen=True)
@@ -86,7 +87,7 @@ class OutputInjection(Protocol):
     def gains(self, block: ReplayBlock) -> InjectionGains:
         """Gains for the samples of the block that comes next."""
 
-    def shown(self, gains: InjectionGains, centre: Trajectory) -> tuple[IntArray, FloatArray] | None:
+    def shown(self, gains: InjectionGains, centre: Trajectory) -> Shown | None:
         """What the centre showed along a block, where `InjectionGains.tangents` do not; see `OutputErrors.shown`."""
 
 

@@ -25,7 +25,8 @@ from massid.observer.inputs import BelievedBlock, InputBelief
 from massid.observer.linearisation import Lineariser, StepLinearisation
 from massid.observer.replay import ReplayBlock
 from massid.observer.tangents import TangentFilter
-from massid.typing import FloatArray, IntArray
+from massid.search.bank import Shown
+from massid.typing import FloatArray
 from massid.walk.noise import SensorNoise
 
 
@@ -147,7 +148,7 @@ class KalmanInjection:
             self._covariance = predicted - scaled.T @ scaled
         return InjectionGains(force=None, state=gains, whitener=whiteners, tangents=tangents, inputs=inputs)
 
-    def shown(self, gains: InjectionGains, centre: Trajectory) -> tuple[IntArray, FloatArray] | None:
+    def shown(self, gains: InjectionGains, centre: Trajectory) -> Shown | None:
         """What the centre showed along a block that it has run through, where columns of the Jacobian do not.
 
         Args:
@@ -155,19 +156,17 @@ class KalmanInjection:
             centre: how it went.
 
         Returns:
-            Which columns, shape (m,), and they, shape (m, n, n_y); None if nobody wants to know.
+            None if nobody wants to know.
         """
-        if self._slopes is None or gains.inputs is None:
+        if self._slopes is None or gains.inputs is None or gains.state is None:
             return None
         readings = gains.inputs.readings
-        motion = replace(
-            readings, position=centre.position, velocity=centre.velocity, acceleration=centre.acceleration
-        )
+        motion = replace(readings, position=centre.position, velocity=centre.velocity, acceleration=centre.acceleration)
         self._slopes.enter(motion)
         out = np.empty((self._slopes.count, len(motion), len(self._variance)))
         for k, linear in enumerate(self._steps):
             out[:, k] = (gains.whitener[k] @ self._slopes.step(k, gains.state[k], linear)).T
-        return self._slopes.columns, out
+        return Shown(self._slopes.columns, out)
 
     def _process_noise(self, linear: StepLinearisation, inputs: BelievedBlock, k: int) -> FloatArray:
         """Covariance that noisy inputs and unknown friction add in one step, shape (2 nv, 2 nv)."""

@@ -8,15 +8,18 @@ more than noise can make it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.ndimage import correlate1d
 
 from massid.observer.spans import Spans
 from massid.typing import FloatArray
 
-
 SURE = 8.0
-"""Standard deviations of noise that a shorter line must differ by, in any channel, to be taken."""
+"""Standard deviations of noise that a shorter line must differ by to be taken. From 5 noise itself often decides where
+lines differ by nearly that, and what it decides it has in common with the output error: at 5 a walk of 156 kg had a
+torso 1.6 deviations off (eight draws of `white`), at 8 and at 12 none."""
 
 
 def level(rows: FloatArray, own: slice, spans: Spans, std: FloatArray | None = None) -> FloatArray:
@@ -44,7 +47,7 @@ def slope(rows: FloatArray, own: slice, spans: Spans, std: FloatArray | None = N
 def _level_weights(gap: int, reach: int) -> FloatArray:
     weights = np.ones(2 * reach + 1)
     weights[reach - gap : reach + gap + 1] = 0.0
-    return weights / weights.sum()
+    return np.asarray(weights / weights.sum())
 
 
 def _slope_weights(gap: int, reach: int) -> FloatArray:
@@ -53,16 +56,31 @@ def _slope_weights(gap: int, reach: int) -> FloatArray:
     return np.asarray(offsets / (offsets @ offsets))
 
 
-def _sharpened(found, rows, own, spans, std, weights_of) -> FloatArray:
-    """Shorter lines in the place of longer ones where they surely differ."""
+def _sharpened(
+    found: FloatArray,
+    rows: FloatArray,
+    own: slice,
+    spans: Spans,
+    std: FloatArray,
+    weights_of: Callable[[int, int], FloatArray],
+) -> FloatArray:
+    """Shorter lines in the place of longer ones where they surely differ.
+
+    Args:
+        found: of the widest neighbours, shape (n_own, channels).
+        rows: readings, shape (n, channels).
+        own: for which of them.
+        spans: gaps and reaches.
+        std: of the readings' white noise, shape (channels,).
+        weights_of: what a line through readings up to a reach away, less a gap, weighs them by.
+    """
     k, n = np.arange(own.start, own.stop), len(rows)
     for gap, reach in spans.finer:
         weights = weights_of(gap, reach)
         value = correlate1d(rows, weights, axis=0)[own]
-        spread = std * np.linalg.norm(weights)
         inside = (k >= reach) & (k < n - reach)
-        differs = (np.abs(value - found) > SURE * spread) & inside[:, None]
-        found = np.where(differs, value, found)
+        differs = np.abs(value - found) > SURE * float(np.linalg.norm(weights)) * std
+        found = np.where(differs & inside[:, None], value, found)
     return found
 
 

@@ -75,11 +75,13 @@ class NoisySensors:
     Attributes:
         noise: the levels, and how large slow errors may be.
         reach_s: how far around a sample the motion is averaged that columns of the Jacobian are made of [s].
+        steps: that the models take from one sample to the next; None for what the model file asks for.
         forgetting_rate: likelihoods are not forgotten.
     """
 
     noise: SensorNoise
     reach_s: float = REACH_S
+    steps: int | None = None
     forgetting_rate: float = 0.0
 
     def suited_to(self, walk: Walk) -> NoisySensors:
@@ -115,7 +117,7 @@ class NoisySensors:
             BadInputError: a measured state is said to have no noise at all.
         """
         model = robot.identification_model(contact_bodies)
-        substeps = robot.steps_in(timestep_s)
+        substeps = self.steps or robot.steps_in(timestep_s)
         model.opt.timestep = timestep_s / substeps
         beliefs = InputBelief(
             model,

@@ -15,6 +15,19 @@ Block = TypeVar("Block")
 
 
 @dataclass(frozen=True)
+class Shown:
+    """Derivatives of the centre's weighted output errors as its own trajectory shows them.
+
+    Attributes:
+        columns: by which coordinates of the points, shape (m,).
+        values: shape (m, n_steps, n_y).
+    """
+
+    columns: IntArray
+    values: FloatArray
+
+
+@dataclass(frozen=True)
 class OutputErrors:
     """Output errors of all models over a block of steps.
 
@@ -24,16 +37,14 @@ class OutputErrors:
         tangents: derivatives of the centre's values by the last coordinates of the points, at least those that no
             models are sampled in, shape (n, n_steps, n_y); None for no such coordinates. Where they are given they
             stand for what the samples show.
-        shown: what the centre itself shows where that is not `tangents`, because those share no noise with its output
-            errors on purpose, shape (m, n_steps, n_y); None where it is the same for all.
-        shown_columns: whose, shape (m,).
+        shown: what the centre itself shows where that is not `tangents`, which share no noise with its output errors on
+            purpose; None where it is the same for all, or nobody asked.
     """
 
     values: FloatArray
     diverged: BoolArray
     tangents: FloatArray | None = None
-    shown: FloatArray | None = None
-    shown_columns: IntArray | None = None
+    shown: Shown | None = None
 
 
 class Bank(ABC, Generic[Block]):

@@ -51,8 +51,9 @@ class MonitoringFilter:
         if errors.tangents is not None:
             rows = np.vstack([rows, (errors.tangents * weight[:, None]).reshape(len(errors.tangents), -1)])
         if errors.shown is not None:
-            rows = np.vstack([rows, (errors.shown * weight[:, None]).reshape(len(errors.shown), -1)])
-            self._shown = errors.shown_columns
+            shown = errors.shown.values
+            rows = np.vstack([rows, (shown * weight[:, None]).reshape(len(shown), -1)])
+            self._shown = errors.shown.columns
         if len(self._gram) != len(rows):
             self._gram = np.zeros((len(rows), len(rows)))
         self._gram *= np.exp(-self._rate * self._timestep_s * n_steps)
