@@ -29,7 +29,8 @@ from massid.typing import FloatArray
 from massid.walk import Walk
 
 SETTLED_DECREASE = 0.02
-"""A log is solved when a step would lower -2 log-likelihood by less, a seventh of a standard deviation."""
+"""A log is solved when what is left beyond the last step would lower -2 log-likelihood by less: the root of the score
+is then a seventh of a standard deviation away."""
 STALLED_PASSES, STALLED_SHARE = 3, 0.7
 """So many passes in a row that each leave more than this share of what was to be gained end the search: the log reveals
 too little. Of a walk a tenth is left."""
@@ -170,9 +171,21 @@ class LikelihoodPasses:
                 self._gains.clear()
                 return Outlook.WIDEN
             return Outlook.GO_ON
-        if iteration.status is SearchStatus.CONVERGED or left < SETTLED_DECREASE:
+        if iteration.status is SearchStatus.CONVERGED or _left_to_come(self._gains) < SETTLED_DECREASE:
             return Outlook.SETTLED
         return Outlook.STALLED if stalled else Outlook.GO_ON
+
+
+def _left_to_come(gains: Sequence[float]) -> float:
+    """What all steps after the last one would still gain, if each is to the one before as the last two are.
+
+    Steps that shrink by a factor r end r / (1 - r) of the last one away; gains shrink by its square. Nothing is
+    foretold of a single step, or of one that is not clearly shorter than the one before.
+    """
+    if len(gains) < 2 or gains[-1] > 0.25 * gains[-2]:
+        return gains[-1]
+    ratio = float(np.sqrt(gains[-1] / gains[-2]))
+    return gains[-1] * (ratio / (1.0 - ratio)) ** 2
 
 
 def _decrease_left(iteration: Iteration, asked: int) -> float:

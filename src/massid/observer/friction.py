@@ -29,6 +29,8 @@ DOUBT_S = 0.2
 """How long a joint's friction is taken to be wrong by the same amount [s]."""
 _WEIGHT = 5.0
 """An error that returns with every step of a walk does not average out: it counts that many times as large."""
+_UNIFORM = 3.0**-0.5
+"""Deviation of what may be anything up to 1 in size."""
 _SURE = 3.0
 """Standard deviations beyond which something is sure."""
 _SATURATED = 0.999
@@ -138,12 +140,15 @@ class StickSlip:
         return Friction(
             torque=np.where(sticks, 0.0, np.clip(demand.needed, -loss, loss)),
             sticks=sticks,
-            variance=self._as_noise(np.minimum(_WEIGHT * error, loss)),
+            variance=self._as_noise(np.minimum(_WEIGHT * error, loss), DOUBT_S),
             sliding=np.sign(demand.needed) * (~sticks & (m > _SURE)),
         )
 
     def _told_by_speed(self, qpos: FloatArray, readings: tuple[FloatArray, ...], loss: FloatArray) -> Friction:
-        """Of a friction loss that noise drowns: it is known if the joint surely moves, else anything up to the loss."""
+        """Of a friction loss that noise drowns: it is known if the joint surely moves, else anything up to the loss.
+
+        Then it is what the engine makes of averaged readings, whose noise is another one after the length of an average.
+        """
         torque = self._demand(qpos, readings, self._width).torque
         speed = uniform_filter1d(readings[0], self._width, axis=0, mode="mirror")[:, self._joint_dof]
         slides = (np.abs(speed) > _SURE * self._velocity_std) & (np.abs(torque) >= _SATURATED * loss)
@@ -152,10 +157,10 @@ class StickSlip:
         return Friction(
             torque=torque,
             sticks=np.zeros_like(slides),
-            variance=self._as_noise(np.where(slides, 0.0, loss)),
+            variance=self._as_noise(np.where(slides, 0.0, _UNIFORM * loss), self._width * self._timestep_s),
             sliding=-np.sign(speed) * slides,
         )
 
-    def _as_noise(self, torque: FloatArray) -> FloatArray:
+    def _as_noise(self, torque: FloatArray, lasting_s: float) -> FloatArray:
         """Variance of white noise with the impulse of a torque that is wrong for as long as doubt lasts [N^2 m^2]."""
-        return np.asarray(torque**2 * DOUBT_S / self._timestep_s)
+        return np.asarray(torque**2 * lasting_s / self._timestep_s)

@@ -16,10 +16,10 @@ from scipy.ndimage import correlate1d
 from massid.observer.spans import Spans
 from massid.typing import FloatArray
 
-SURE = 8.0
-"""Standard deviations of noise that a shorter line must differ by to be taken. From 5 noise itself often decides where
-lines differ by nearly that, and what it decides it has in common with the output error: at 5 a walk of 156 kg had a
-torso 1.6 deviations off (eight draws of `white`), at 8 and at 12 none."""
+SURE = 7.0
+"""Standard deviations of noise that lines must differ by. Noise has a say where they differ by nearly that, and what it
+decides it has in common with the output error. With lines that differed by 1.5 deviations a walk of 156 kg had a torso
+1.6 deviations off (eight draws of `white`), with 5 a third of one, with 7 none; feet that stamp gain as much."""
 
 
 def level(rows: FloatArray, own: slice, spans: Spans, std: FloatArray | None = None) -> FloatArray:
@@ -28,63 +28,50 @@ def level(rows: FloatArray, own: slice, spans: Spans, std: FloatArray | None = N
     Args:
         rows: readings, shape (n, channels).
         own: for which of them.
-        spans: gap and reach.
+        spans: gaps and reaches.
         std: of the readings' white noise, shape (channels,); None to keep to the widest neighbours everywhere.
     """
-    width = spans.reach - spans.gap
-    found = _from_sides(rows, own, spans, np.full(width, 1.0 / width))
-    return found if std is None else _sharpened(found, rows, own, spans, std, _level_weights)
+    return _lines(rows, own, spans, std, _level_weights)
 
 
 def slope(rows: FloatArray, own: slice, spans: Spans, std: FloatArray | None = None) -> FloatArray:
     """Slopes of straight lines through both sides' neighbours, for some of the rows, per row; see `level`."""
-    width = spans.reach - spans.gap
+    return _lines(rows, own, spans, std, _slope_weights)
+
+
+def _level_weights(width: int) -> FloatArray:
+    return np.full(width, 1.0 / width)
+
+
+def _slope_weights(width: int) -> FloatArray:
     offsets = np.arange(width) - 0.5 * (width - 1)
-    found = _from_sides(rows, own, spans, offsets / (offsets @ offsets))
-    return found if std is None else _sharpened(found, rows, own, spans, std, _slope_weights)
-
-
-def _level_weights(gap: int, reach: int) -> FloatArray:
-    weights = np.ones(2 * reach + 1)
-    weights[reach - gap : reach + gap + 1] = 0.0
-    return np.asarray(weights / weights.sum())
-
-
-def _slope_weights(gap: int, reach: int) -> FloatArray:
-    offsets = np.arange(-reach, reach + 1.0)
-    offsets[reach - gap : reach + gap + 1] = 0.0
     return np.asarray(offsets / (offsets @ offsets))
 
 
-def _sharpened(
-    found: FloatArray,
+def _lines(
     rows: FloatArray,
     own: slice,
     spans: Spans,
-    std: FloatArray,
-    weights_of: Callable[[int, int], FloatArray],
+    std: FloatArray | None,
+    weights_of: Callable[[int], FloatArray],
 ) -> FloatArray:
-    """Shorter lines in the place of longer ones where they surely differ.
-
-    Args:
-        found: of the widest neighbours, shape (n_own, channels).
-        rows: readings, shape (n, channels).
-        own: for which of them.
-        spans: gaps and reaches.
-        std: of the readings' white noise, shape (channels,).
-        weights_of: what a line through readings up to a reach away, less a gap, weighs them by.
-    """
+    """Widest lines, and shorter ones in their place where these surely differ."""
+    weights = weights_of(spans.reach - spans.gap)
+    found, spread = _from_sides(rows, own, spans.gap, spans.reach, weights), float(np.linalg.norm(weights))
+    if std is None:
+        return found
     k, n = np.arange(own.start, own.stop), len(rows)
     for gap, reach in spans.finer:
-        weights = weights_of(gap, reach)
-        value = correlate1d(rows, weights, axis=0)[own]
+        weights = weights_of(reach - gap)
+        value = _from_sides(rows, own, gap, reach, weights)
+        before, spread = spread, float(np.linalg.norm(weights))
         inside = (k >= reach) & (k < n - reach)
-        differs = np.abs(value - found) > SURE * float(np.linalg.norm(weights)) * std
+        differs = np.abs(value - found) > SURE * np.hypot(before, spread) / np.sqrt(2.0) * std
         found = np.where(differs & inside[:, None], value, found)
     return found
 
 
-def _from_sides(rows: FloatArray, own: slice, spans: Spans, weights: FloatArray) -> FloatArray:
+def _from_sides(rows: FloatArray, own: slice, gap: int, reach: int, weights: FloatArray) -> FloatArray:
     """Mean of the weighted neighbours before and after; of one side alone where the other has not been measured."""
     n, width = len(rows), len(weights)
     if n < width:  # as for the last samples of a short log
@@ -92,7 +79,7 @@ def _from_sides(rows: FloatArray, own: slice, spans: Spans, weights: FloatArray)
         return np.repeat(whole[None], own.stop - own.start, axis=0)
     sums = correlate1d(rows, weights, axis=0, origin=-(width // 2))[: n - width + 1]  # of rows k .. k + width - 1
     k = np.arange(own.start, own.stop)
-    before, after = k - spans.reach, k + spans.gap + 1
+    before, after = k - reach, k + gap + 1
     has_before, has_after = before >= 0, after <= n - width
     neither = ~(has_before | has_after)
     share = has_after / np.maximum(has_before.astype(int) + has_after, 1)

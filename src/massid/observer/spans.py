@@ -11,7 +11,7 @@ from dataclasses import dataclass
 GAP_S, REACH_S = 0.005, 0.02
 """The motion at a sample is estimated from those more than a gap and at most a reach before and after it [s]. The reach
 is that of a walk; slower motion bears a longer one."""
-FINER_S = ((GAP_S, REACH_S), (0.003, 0.01), (0.002, 0.006))
+FINER_S = ((0.003, 0.012), (0.002, 0.008), (0.001, 0.005))
 """Gaps and reaches of shorter lines, for what changes faster [s]."""
 HALF_WIDTH_S = 0.007
 """Forces that tell load, and velocities that tell friction, are averaged over so much before and after them [s]."""
