@@ -101,7 +101,7 @@ def test_what_a_wrong_guess_would_do_counts_as_noise(strong: Rubbing) -> None:
     error = (judged.torque - strong.friction)[wrong]
     said = np.sqrt(judged.variance[wrong] * PERIOD_S / DOUBT_S)
     assert wrong.sum() > 20
-    assert np.mean(np.abs(error) < 2.0 * said) > 0.95
+    assert np.mean(np.abs(error) < 2.0 * said) > 0.9  # what speed tells lasts a tenth as long as this takes it to
 
 
 def test_a_joint_that_sticks_has_no_torque_besides(strong: Rubbing) -> None:
@@ -117,7 +117,8 @@ def test_weak_friction_is_known_where_a_joint_surely_moves_and_open_elsewhere(we
     certain = judged.sliding != 0.0
     assert not judged.sticks.any()
     assert 0.2 < certain.mean() < 0.9  # every joint turns round now and then
-    np.testing.assert_allclose(judged.variance, np.where(certain, 0.0, WEAK_NM**2 * DOUBT_S / PERIOD_S), rtol=1e-9)
+    anything = WEAK_NM**2 / 3.0 * WIDTH  # uniform, and another value after each average
+    np.testing.assert_allclose(judged.variance, np.where(certain, 0.0, anything), rtol=1e-9)
     # A joint that turns round and back within one average goes unnoticed.
     assert np.mean(np.abs(judged.torque - weak.friction)[certain] < 1e-2 * WEAK_NM) > 0.99
     np.testing.assert_allclose(judged.sliding * WEAK_NM, np.where(certain, judged.torque, 0.0), atol=1e-3 * WEAK_NM)

@@ -108,9 +108,10 @@ def test_borders_of_blocks_leave_no_trace(n_steps: int, walk: Walk) -> None:
 def test_the_motion_at_a_sample_is_that_of_its_neighbours_on_both_sides(walk: Walk) -> None:
     """Disturb one sample: the motion changes where it is more than GAP and at most REACH away, and nowhere else."""
     k = 360  # both feet are loaded, and no foot is near leaving
-    steady = {name: np.broadcast_to(getattr(walk, name)[k], getattr(walk, name).shape) for name in ("qvel", "effort")}
+    names = ("qvel", "effort", "wrench")
+    steady = {name: np.broadcast_to(getattr(walk, name)[k], getattr(walk, name).shape) for name in names}
     walk = replace(walk, **steady)  # where something jumps, nearer neighbours are asked
-    rows = {name: getattr(walk, name).copy() for name in ("qvel", "effort", "wrench")}
+    rows = {name: getattr(walk, name).copy() for name in names}
     for values in rows.values():
         values[k] *= 1.001
     before, after = (_columns(_believe(one, [0, 799])[0]) for one in (walk, replace(walk, **rows)))

@@ -147,7 +147,7 @@ class StickSlip:
     def _told_by_speed(self, qpos: FloatArray, readings: tuple[FloatArray, ...], loss: FloatArray) -> Friction:
         """Of a friction loss that noise drowns: it is known if the joint surely moves, else anything up to the loss.
 
-        Then it is what the engine makes of averaged readings, whose noise is another one after the length of an average.
+        Then it is what the engine makes of averaged readings, whose noise is another one an average later.
         """
         torque = self._demand(qpos, readings, self._width).torque
         speed = uniform_filter1d(readings[0], self._width, axis=0, mode="mirror")[:, self._joint_dof]
