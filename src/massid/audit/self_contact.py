@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections import Counter
 from dataclasses import dataclass, replace
 
@@ -39,7 +40,7 @@ def find_self_contact(robot: Robot, walk: Walk) -> SelfContact:
         robot: any masses.
         walk: aligned with the robot.
     """
-    model = robot.spec.copy().compile()
+    model = copy.copy(robot.model)
     disabled = mujoco.mjtDisableBit
     model.opt.disableflags &= ~int(disabled.mjDSBL_CONTACT | disabled.mjDSBL_CONSTRAINT)
     data = mujoco.MjData(model)

@@ -32,15 +32,27 @@ def no_single_base(model: mujoco.MjModel, free: IntArray) -> str:
     return f"{text} Add <freejoint/> to body '{model.body(heaviest).name}'."
 
 
+def unseen_spec(spec: mujoco.MjSpec) -> mujoco.MjSpec:
+    """Return a copy of a spec without what is only seen: skins, textures, and meshes that nothing collides with.
+
+    Bodies keep the inertia that follows from such meshes.
+    """
+    spec = spec.copy()
+    for skin in list(spec.skins):
+        spec.delete(skin)
+    spec.discard_visual()
+    return spec
+
+
 def bare_spec(spec: mujoco.MjSpec) -> mujoco.MjSpec:
     """Return a copy of a spec that has nothing but what moves: no actuators, no contacts, nothing to be seen."""
     spec = spec.copy()
+    drop_shapes(spec)
     keep_actuator_dynamics(spec)
     lift_force_limits(spec)
     for group in (spec.keys, spec.actuators, spec.sensors, spec.tuples):
         for element in list(group):
             spec.delete(element)
-    drop_shapes(spec)
     set_options(spec.option)
     return spec
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from massid.errors import LogError, ModelError, unknown_name
 from massid.model.draft import Draft, realise
-from massid.model.edit import bare_spec, identification_spec, no_single_base, without_joints, write_bodies
+from massid.model.edit import bare_spec, identification_spec, no_single_base, unseen_spec, without_joints, write_bodies
 from massid.model.file import one_line, save_model
 from massid.model.kinematics import wrenches_in_bodies
 from massid.model.layout import Channels, JointLayout
@@ -32,7 +32,7 @@ class Robot:
 
     Attributes:
         spec: the model as loaded; never written to.
-        model: its compiled form, with nominal masses.
+        model: its compiled form, with nominal masses and without what is only seen.
         source: file name or "spec", for messages.
     """
 
@@ -40,7 +40,7 @@ class Robot:
         self.spec = spec
         self.source = source
         try:
-            self.model = spec.compile()
+            self.model = unseen_spec(spec).compile()
         except ValueError as error:
             raise ModelError(f"{source}: MuJoCo cannot compile it: {one_line(error)}") from error
         model = self.model
@@ -86,6 +86,18 @@ class Robot:
         # Fused bodies lose their names; welded ones keep them and move no differently.
         spec.compiler.fusestatic = False
         return cls(spec, path.name)
+
+    @cached_property
+    def drawn(self) -> mujoco.MjModel:
+        """The compiled model with all that is seen; it may hold hundreds of megabytes of meshes and textures.
+
+        Raises:
+            ModelError: a mesh or a texture cannot be read.
+        """
+        try:
+            return self.spec.copy().compile()
+        except ValueError as error:
+            raise ModelError(f"{self.source}: MuJoCo cannot compile it: {one_line(error)}") from error
 
     @cached_property
     def _bare(self) -> mujoco.MjSpec:

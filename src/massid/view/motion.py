@@ -58,7 +58,7 @@ def sample_motion(walk: Walk, robot: Robot, rate_hz: float = FRAME_RATE_HZ) -> M
         LogError: the log does not match the robot.
     """
     walk = robot.align(walk)
-    model = robot.model
+    model = robot.drawn
     stride = max(1, round(1.0 / (rate_hz * walk.timestep_s)))
     rows = np.arange(0, len(walk), stride)
     qpos = robot.layout.to_qpos(walk.qpos[rows])
@@ -90,7 +90,7 @@ def sample_motion(walk: Walk, robot: Robot, rate_hz: float = FRAME_RATE_HZ) -> M
 
 
 def _height(robot: Robot, qpos: FloatArray) -> float:
-    model, data = robot.model, mujoco.MjData(robot.model)
+    model, data = robot.drawn, mujoco.MjData(robot.drawn)
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     shown = [geom for body in range(1, model.nbody) for geom in shown_geoms(model, body)]

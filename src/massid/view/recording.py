@@ -99,9 +99,9 @@ class _Writer:
     def scene(self, robot: Robot) -> None:
         """The robot, its forces and the floor."""
         self._stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for body in range(1, robot.model.nbody):
+        for body in range(1, robot.drawn.nbody):
             self._body(robot, body)
-        self._camera_target(body=robot.model.body(robot.root_body).id)
+        self._camera_target(body=robot.drawn.body(robot.root_body).id)
         self._contacts(robot)
         self._colour_scale()
 
@@ -140,10 +140,10 @@ class _Writer:
         self._send(TABLE, rr.TextDocument.columns(text=texts, media_type=media), list(range(len(texts))))
 
     def _body(self, robot: Robot, body: int) -> None:
-        name = robot.model.body(body).name or f"body_{body}"
+        name = robot.drawn.body(body).name or f"body_{body}"
         trace = self._trace
         self._pose(body_path(name), self._motion.position[:, body], self._motion.quaternion[:, body])
-        mesh = body_mesh(robot.model, body)
+        mesh = body_mesh(robot.drawn, body)
         if mesh is None:
             return
         path = f"{body_path(name)}/mesh"

@@ -123,16 +123,16 @@ def _stage(robot: Robot, width: int, height: int) -> mujoco.MjModel:
 
 def _paint(model: mujoco.MjModel, robot: Robot, link_rgb: Mapping[str, FloatArray]) -> None:
     """Tint the links; the robot's own light and dark paint stays visible."""
-    for body in range(1, robot.model.nbody):
-        rgb = link_rgb.get(robot.model.body(body).name, np.array(colours.NEUTRAL))
-        shown = shown_geoms(robot.model, body)
-        first = int(model.body_geomadr[model.body(robot.model.body(body).name).id]) - int(
-            robot.model.body_geomadr[body]
+    for body in range(1, robot.drawn.nbody):
+        rgb = link_rgb.get(robot.drawn.body(body).name, np.array(colours.NEUTRAL))
+        shown = shown_geoms(robot.drawn, body)
+        first = int(model.body_geomadr[model.body(robot.drawn.body(body).name).id]) - int(
+            robot.drawn.body_geomadr[body]
         )
-        for geom in np.flatnonzero(robot.model.geom_bodyid == body):
+        for geom in np.flatnonzero(robot.drawn.geom_bodyid == body):
             target = int(geom) + first
-            material = int(robot.model.geom_matid[geom])
-            own = robot.model.mat_rgba[material] if material >= 0 else robot.model.geom_rgba[geom]
+            material = int(robot.drawn.geom_matid[geom])
+            own = robot.drawn.mat_rgba[material] if material >= 0 else robot.drawn.geom_rgba[geom]
             model.geom_matid[target] = -1
             model.geom_rgba[target, :3] = rgb * colours.tone(np.asarray(own)[None])[0]
             model.geom_rgba[target, 3] = 1.0 if int(geom) in shown else 0.0
