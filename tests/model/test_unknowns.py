@@ -96,8 +96,7 @@ def test_an_effect_is_the_derivative_of_the_inverse_dynamics(unknown: Unknown) -
         expected += (after - before) / (2.0 * step)
     lineariser = Lineariser(ROBOT.identification_model(FEET), ROBOT.layout)
     lineariser.place(realise(CHANNELS, (unknown,), point[None]))
-    for k in range(len(motion)):
-        expected[k] += lineariser.inertial_forces(motion, k).sum(axis=1)
+    expected += lineariser.inertial_forces(motion).sum(axis=2)
 
     step = 1e-4 * unknown.scale
     before, after = (_Plant(unknown, point + sign * step).unexplained(plant.read(motion)) for sign in (-1, 1))

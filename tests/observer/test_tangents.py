@@ -105,7 +105,7 @@ def test_inertial_forces_are_derivatives_of_the_inverse_dynamics(pushed: Pushed)
     belief = InputBelief(lineariser.model, robot.layout, PRESETS["white"])
     block = belief.believe(replay_block(pushed.walk, robot.layout, Segment(500, 551)))
     assert sorted(lineariser.changing) == list(range(len(space)))
-    for column, found in zip(lineariser.changing, lineariser.inertial_forces(block.motion, 25).T, strict=True):
+    for column, found in zip(lineariser.changing, lineariser.inertial_forces(block.motion)[25].T, strict=True):
         step = 1e-4 * space.scale[column] * np.eye(len(space))[column]
         before, after = (_inverse(robot, space, point + sign * step, block) for sign in (-1, 1))
         expected = (after - before) / (2.0 * step[column])

@@ -24,7 +24,7 @@ from massid.observer.injection import InjectionGains, Trajectory
 from massid.observer.inputs import BelievedBlock, InputBelief
 from massid.observer.linearisation import Lineariser, StepLinearisation
 from massid.observer.replay import ReplayBlock
-from massid.observer.tangents import TangentFilter
+from massid.observer.tangents import ClosedLoop, TangentFilter
 from massid.search.bank import Shown
 from massid.typing import FloatArray
 from massid.walk.noise import SensorNoise
@@ -63,7 +63,7 @@ class KalmanInjection:
         self._hold_steps = hold_steps
         self._tangents = tangents
         self._slopes = slopes
-        self._steps: list[StepLinearisation] = []
+        self._steps: list[tuple[ClosedLoop, StepLinearisation]] = []
         n_joints = len(layout.joint_dof)
         std = noise.state_std(n_joints)
         if not np.all(std > 0.0):
@@ -74,6 +74,7 @@ class KalmanInjection:
         self._effort_variance = np.full(n_joints, noise.effort**2)
         self._inputs = inputs
         self._covariance: FloatArray = np.diag(self._variance)
+        self._corrected = False
         self._gain: FloatArray = np.zeros_like(self._covariance)
 
     @property
@@ -89,7 +90,7 @@ class KalmanInjection:
     def restart(self, *, follows: bool) -> None:
         """Believe the first measurement, with the noise it has; samples before it tell of its inputs if it follows."""
         self._covariance = np.diag(self._variance)
-        self._gain = np.zeros_like(self._covariance)
+        self._gain, self._corrected = np.zeros_like(self._covariance), False
         if not follows:
             self._inputs.restart()
         for filtered in (self._tangents, self._slopes):
@@ -118,23 +119,20 @@ class KalmanInjection:
         """
         n, n_x = len(block), len(self._variance)
         inputs = self._inputs.believe(block)
-        gains = np.empty((n, n_x, n_x))
-        whiteners = np.empty((n, n_x, n_x))
+        gains, whiteners = np.empty((2, n, n_x, n_x))
         tangents = np.empty((n, self._tangents.count, n_x)) if self._tangents else None
         root_h = np.sqrt(self._lineariser.period_s)
         if self._tangents:
             self._tangents.enter(inputs.motion)
-        self._steps = []
+        self._steps, diagonal = [], np.diag_indices(n_x)
         for k in range(n):
             if k % self._hold_steps == 0:
                 linear = self._lineariser.step(inputs, k)
                 process = self._process_noise(linear, inputs, k)
-            self._steps.append(linear)
             gains[k] = self._gain
-            predicted = linear.transition @ self._covariance @ linear.transition.T + process
-            predicted = 0.5 * (predicted + predicted.T)
-            innovation = predicted.copy()
-            innovation[np.diag_indices(n_x)] += self._variance
+            moved = linear.transition @ self._covariance
+            innovation = moved @ linear.transition.T + process
+            innovation[diagonal] += self._variance
             factor, info = lapack.dpotrf(innovation, lower=1, clean=1)
             if info != 0:
                 raise BadInputError("The innovation covariance is not positive definite: check the noise levels.")
@@ -142,10 +140,16 @@ class KalmanInjection:
             # mu integrates over time; dividing by the period makes it a sum over samples.
             whiteners[k] = inverse_factor / root_h
             if self._tangents and tangents is not None:
-                tangents[k] = (whiteners[k] @ self._tangents.step(k, self._gain, linear)).T
-            scaled = inverse_factor @ predicted
-            self._gain = scaled.T @ inverse_factor
-            self._covariance = predicted - scaled.T @ scaled
+                # After a correction P = K R, so A K = A P R^-1.
+                injection = moved / self._variance if self._corrected else np.zeros_like(moved)
+                loop = ClosedLoop(linear.transition - injection, injection)
+                self._steps.append((loop, linear))
+                tangents[k] = (whiteners[k] @ self._tangents.step(k, loop, linear)).T
+            # K = P S^-1 = 1 - R S^-1, and the covariance it leaves is K R = R - R S^-1 R.
+            precision = inverse_factor.T @ inverse_factor
+            self._gain = -self._variance[:, None] * precision
+            self._gain[diagonal] += 1.0
+            self._covariance, self._corrected = self._gain * self._variance, True
         return InjectionGains(force=None, state=gains, whitener=whiteners, tangents=tangents, inputs=inputs)
 
     def shown(self, gains: InjectionGains, centre: Trajectory) -> Shown | None:
@@ -164,8 +168,8 @@ class KalmanInjection:
         motion = replace(readings, position=centre.position, velocity=centre.velocity, acceleration=centre.acceleration)
         self._slopes.enter(motion)
         out = np.empty((self._slopes.count, len(motion), len(self._variance)))
-        for k, linear in enumerate(self._steps):
-            out[:, k] = (gains.whitener[k] @ self._slopes.step(k, gains.state[k], linear)).T
+        for k, (loop, linear) in enumerate(self._steps):
+            out[:, k] = (gains.whitener[k] @ self._slopes.step(k, loop, linear)).T
         return Shown(self._slopes.columns, out)
 
     def _process_noise(self, linear: StepLinearisation, inputs: BelievedBlock, k: int) -> FloatArray:

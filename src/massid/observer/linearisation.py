@@ -92,30 +92,35 @@ class Lineariser:
             transition = np.linalg.matrix_power(transition, self._substeps)
         return StepLinearisation(transition, from_force[:, self._layout.joint_dof], from_wrench, from_force)
 
-    def inertial_forces(self, motion: Motion, k: int) -> FloatArray:
-        """Generalised force that a change of bodies asks for at sample k, per unit of the unknowns.
+    def inertial_forces(self, motion: Motion) -> FloatArray:
+        """Generalised forces that a change of bodies asks for along a motion, per unit of the unknowns.
 
         These are the derivatives of the inverse dynamics, gravity included, of the estimated motion. Forces are linear
         in the inertia of a body, so its derivative takes the place of the inertia itself.
 
         Args:
-            motion: as estimated.
-            k: sample of it.
+            motion: n instants, as estimated.
 
         Returns:
-            A column for each body that each unknown changes, in the order of `changing`, shape (nv, n).
+            A column for each body that each unknown changes, in the order of `changing`, shape (n, nv, n_changing).
         """
         model, data, bodies = self.model, self._data, self._slopes.bodies
-        data.qpos[:], data.qvel[:] = motion.position[k], motion.velocity[k]
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        data.qacc[:] = motion.acceleration[k]
-        mujoco.mj_rnePostConstraint(model, data)
-        origin = data.xpos[bodies] - data.subtree_com[model.body_rootid[bodies]]
-        inertia = spatial_inertia(self._slopes.pseudo_inertia, data.xmat[bodies].reshape(-1, 3, 3), origin)
-        out = np.zeros((model.nv, len(bodies)))
+        n, count = len(motion), len(bodies)
+        axes, velocity, acceleration = np.empty((n, model.nv, 6)), *np.empty((2, n, model.nbody, 6))
+        rotation, origin = np.empty((n, count, 9)), np.empty((n, count, 3))
+        for k in range(n):
+            data.qpos[:], data.qvel[:], data.qacc[:] = motion.position[k], motion.velocity[k], motion.acceleration[k]
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_comVel(model, data)
+            mujoco.mj_rnePostConstraint(model, data)
+            axes[k], velocity[k], acceleration[k] = data.cdof, data.cvel, data.cacc
+            rotation[k], origin[k] = data.xmat[bodies], data.xpos[bodies] - data.subtree_com[model.body_rootid[bodies]]
+        pseudo = np.broadcast_to(self._slopes.pseudo_inertia, (n, count, 4, 4)).reshape(-1, 4, 4)
+        inertia = spatial_inertia(pseudo, rotation.reshape(-1, 3, 3), origin.reshape(-1, 3)).reshape(n, count, 10)
+        out = np.zeros((n, model.nv, count))
         _project_inertial(
-            inertia, data.cvel, data.cacc, data.cdof, model.body_parentid, model.body_dofadr, model.body_dofnum,
+            inertia, velocity, acceleration, axes, model.body_parentid, model.body_dofadr, model.body_dofnum,
             bodies, out,
         )  # fmt: skip
         return out
@@ -158,27 +163,31 @@ def _project_inertial(
     bodies: IntArray,
     out: FloatArray,
 ) -> None:
-    """Project f = I a + v x* I v of single bodies (spatial vectors, rotation first) onto the axes above them."""
+    """Project f = I a + v x* I v of single bodies (spatial vectors, rotation first) onto the axes above them.
+
+    The first four, and what is written, have an entry for each instant.
+    """
     momentum, force = np.empty(6), np.empty(6)
-    for column in range(bodies.shape[0]):
-        body = bodies[column]
-        v = velocity[body]
-        _times_inertia(inertia[column], v, momentum)
-        _times_inertia(inertia[column], acceleration[body], force)
-        force[0] += -v[2] * momentum[1] + v[1] * momentum[2] - v[5] * momentum[4] + v[4] * momentum[5]
-        force[1] += v[2] * momentum[0] - v[0] * momentum[2] + v[5] * momentum[3] - v[3] * momentum[5]
-        force[2] += -v[1] * momentum[0] + v[0] * momentum[1] - v[4] * momentum[3] + v[3] * momentum[4]
-        force[3] += -v[2] * momentum[4] + v[1] * momentum[5]
-        force[4] += v[2] * momentum[3] - v[0] * momentum[5]
-        force[5] += -v[1] * momentum[3] + v[0] * momentum[4]
-        ancestor = body
-        while ancestor > 0:
-            for dof in range(first_dof[ancestor], first_dof[ancestor] + n_dofs[ancestor]):
-                total = 0.0
-                for axis in range(6):
-                    total += axes[dof, axis] * force[axis]
-                out[dof, column] = total
-            ancestor = parent[ancestor]
+    for k in range(inertia.shape[0]):
+        for column in range(bodies.shape[0]):
+            body = bodies[column]
+            v = velocity[k, body]
+            _times_inertia(inertia[k, column], v, momentum)
+            _times_inertia(inertia[k, column], acceleration[k, body], force)
+            force[0] += -v[2] * momentum[1] + v[1] * momentum[2] - v[5] * momentum[4] + v[4] * momentum[5]
+            force[1] += v[2] * momentum[0] - v[0] * momentum[2] + v[5] * momentum[3] - v[3] * momentum[5]
+            force[2] += -v[1] * momentum[0] + v[0] * momentum[1] - v[4] * momentum[3] + v[3] * momentum[4]
+            force[3] += -v[2] * momentum[4] + v[1] * momentum[5]
+            force[4] += v[2] * momentum[3] - v[0] * momentum[5]
+            force[5] += -v[1] * momentum[3] + v[0] * momentum[4]
+            ancestor = body
+            while ancestor > 0:
+                for dof in range(first_dof[ancestor], first_dof[ancestor] + n_dofs[ancestor]):
+                    total = 0.0
+                    for axis in range(6):
+                        total += axes[k, dof, axis] * force[axis]
+                    out[k, dof, column] = total
+                ancestor = parent[ancestor]
 
 
 @kernel

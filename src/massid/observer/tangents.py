@@ -8,7 +8,7 @@ measurement; one column each, for the price of a matrix product.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,19 @@ from massid.model.unknowns.unknown import unknowns_of
 from massid.observer.linearisation import Lineariser, StepLinearisation
 from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray, IntArray
+
+
+@dataclass(frozen=True)
+class ClosedLoop:
+    """How an error of the state, and one of the measurement, go into the state after a step: A (1 - K) and A K.
+
+    Attributes:
+        transition: shape (2 nv, 2 nv).
+        injection: shape (2 nv, 2 nv).
+    """
+
+    transition: FloatArray
+    injection: FloatArray
 
 
 class TangentFilter:
@@ -61,6 +74,7 @@ class TangentFilter:
                 f"{', '.join(blind)}: what it does to a motion is not known, and a log with noise cannot tell of it: "
                 "its class needs an `effect`, or must change bodies."
             )
+        self._offset = np.flatnonzero(self._measured.any(axis=0))
         self._state: FloatArray = -self._measured
         self._acting: tuple[FloatArray, FloatArray] = (np.zeros((self.count, 0, 0)),) * 2
 
@@ -101,7 +115,7 @@ class TangentFilter:
 
     def enter(self, motion: Motion) -> None:
         """Find what a unit more of each unknown does along a block, whose steps are taken next."""
-        n, count = len(motion), self.count
+        count = self.count
         force, wrench = np.zeros((count, *motion.velocity.shape)), np.zeros((count, *motion.wrench.shape))
         for column, unknown in enumerate(self._unknowns):
             effect = unknown.effect(motion, self._channels)
@@ -110,17 +124,20 @@ class TangentFilter:
             if effect.wrench is not None:
                 wrench[column] = effect.wrench
         row_of = {column: row for row, column in enumerate(self._columns.tolist())}
-        asked = np.array([self._lineariser.inertial_forces(motion, k) for k in range(n)])
+        asked = self._lineariser.inertial_forces(motion)
         for k, column in enumerate(self._lineariser.changing.tolist()):
             if column in row_of:
                 force[row_of[column]] -= asked[:, :, k]
-        self._acting = force, wrench
+        # Samples first, so that what acts in a step lies in one piece.
+        self._acting = np.ascontiguousarray(force.transpose(1, 2, 0)), np.ascontiguousarray(wrench.transpose(1, 2, 0))
 
-    def step(self, k: int, gain: FloatArray, linear: StepLinearisation) -> FloatArray:
+    def step(self, k: int, loop: ClosedLoop, linear: StepLinearisation) -> FloatArray:
         """Advance by step k of the block; returns the derivative of y^ - y after it, shape (2 nv, n_p)."""
         force, wrench = self._acting
-        corrected = self._state - gain @ (self._state + self._measured)
-        self._state = linear.transition @ corrected
-        self._state += linear.from_force @ force[:, k].T
-        self._state += linear.from_wrench @ wrench[:, k].T
-        return self._state + self._measured
+        state = loop.transition @ self._state
+        if len(self._offset):
+            state[:, self._offset] -= loop.injection @ self._measured[:, self._offset]
+        state += linear.from_force @ force[k]
+        state += linear.from_wrench @ wrench[k]
+        self._state = state
+        return state + self._measured
