@@ -64,7 +64,7 @@ def test_identify_prints_the_table_and_writes_everything(
     code = identify(
         folder,
         *("--links", ROBOT_LINKS, "--dwell-s", "0.25", "--truth", str(folder / "walk.truth.json")),
-        *("--json", str(tmp_path / "r.json"), "--save-model", str(tmp_path / "m.xml")),
+        *("--json", str(tmp_path / "r.json"), "--save-model", str(tmp_path / "m.xml"), "--reference"),
     )
     assert code == 0
     table = capsys.readouterr().out
@@ -74,6 +74,7 @@ def test_identify_prints_the_table_and_writes_everything(
     assert result["schema"] == 1
     assert result["status"] == "converged"
     assert result["l2_error_kg"] < 1e-6 < result["l2_error_initial_kg"]
+    assert result["reference"]["estimate_kg"].keys() == result["links"].keys()
     assert result["iterations"][0].keys() >= {"window", "mu", "estimate_kg", "l2_error_kg"}
     truth = Truth.load(folder / "walk.truth.json").mass_kg
     assert main(["report", str(tmp_path / "r.json")]) == 0
@@ -238,6 +239,7 @@ def test_a_bad_log_is_one_line_and_code_2(
         (("--dwell-s", "0.001"), "shorter than two samples"),
         (("--truth", "nowhere.json"), "nowhere.json"),
         (("--json", "no/such/folder/r.json"), "no/such/folder does not exist"),
+        (("--reference",), "--reference goes into --json, which was not asked for"),
     ],
 )
 def test_bad_arguments_are_one_line_and_code_2(

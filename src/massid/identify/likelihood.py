@@ -167,7 +167,7 @@ class LikelihoodPasses:
         self._gains.append(left)
         stalled = _is_stalled(self._gains)
         if not sees_all:
-            if stalled or left < self._asked:
+            if stalled or _left_to_come(self._gains) < self._asked:
                 self._gains.clear()
                 return Outlook.WIDEN
             return Outlook.GO_ON
