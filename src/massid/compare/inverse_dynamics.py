@@ -68,8 +68,11 @@ class InverseDynamics:
         """The same at other values: exactly for bodies and joints, to first order for sensors, shape (n, nv)."""
         change = np.where(self._in_model, 0.0, point - self._space.nominal)
         model = self._model_at(np.where(self._in_model, point, self._space.nominal))
-        bodies = self._forces(model, motion) - self._forces(self._model, motion)
-        return np.asarray(self.residual(motion) + bodies + self.regressor(motion) @ change)
+        nominal, applied = self._forces(self._model, motion), self._jacobians(motion)
+        out = self.residual(motion) + self._forces(model, motion) - nominal
+        for column in np.flatnonzero(change):
+            out += change[column] * self._of_sensor(self._unknowns[column], motion, nominal, applied)
+        return np.asarray(out)
 
     def regressor(self, motion: Motion) -> FloatArray:
         """Derivatives of the residual by the unknowns, shape (n, nv, n_p)."""

@@ -113,7 +113,7 @@ class LikelihoodInference:
             noise=self._noise,
             covariance=found.covariance[:asked, :asked],
             inflation=found.inflation,
-            chi2_per_sample=findings.last.value / findings.last.samples,
+            chi2_per_sample=findings.last.at(findings.estimate) / findings.last.samples,
             total_std_kg=float(np.sqrt(masses @ found.covariance @ masses)),
             nuisances=unknowns_of(findings.space)[asked:],
             nuisance_estimate=findings.estimate[asked:],

@@ -30,6 +30,8 @@ from massid.walk.noise import SensorNoise
 SHORTEST_HELD_OUT_S = 1.0
 """A held-out part that would be shorter is not held out."""
 _TAPER_S = 0.3
+_PIECE = 2000
+"""Samples that are looked at together: what they take of memory is the same for any log."""
 _LEAST_WEIGHT_ERROR = 1e-3
 """Of the weight: what nominal instead of true masses do to the velocity of the centre of mass."""
 
@@ -84,20 +86,33 @@ def validate(result: Result, walks: Sequence[Walk], held: Sequence[Walk | None],
 
 
 def predict_torques(result: Result, walk: Walk, robot: Robot) -> TorquePrediction:
-    """Predict the joint torques of a part of a log, before and after."""
+    """Predict the joint torques of a part of a log, before and after.
+
+    What inverse dynamics leaves unexplained is low-passed, sample by sample as it is, not the motion that it follows
+    from: dynamics of a low-passed motion are not the low-passed dynamics of the motion, and true masses may look worse.
+    """
     space, point = result.unknowns()
     dynamics = InverseDynamics(robot, space, walk.contact_bodies, walk.timestep_s)
-    motion = smooth_motion(walk, robot.layout, CUTOFF_HZ)
     dof = robot.layout.joint_dof
-    before, after = dynamics.residual(motion), dynamics.residual_at(motion, point)
-    # The instants that the low-pass keeps, found by passing the clock through it.
-    clock = replace(walk, effort=np.repeat(walk.time_s[:, None], walk.effort.shape[1], axis=1))
+
+    def low_passed(torques: FloatArray) -> FloatArray:
+        return smooth_motion(replace(walk, effort=torques), robot.layout, CUTOFF_HZ).effort[:, dof]
+
+    before, after = np.zeros((2, *walk.effort.shape))
+    for segment in walk.segments:
+        for start in range(segment.start, segment.stop - 1, _PIECE):
+            piece = Segment(start, min(start + _PIECE + 1, segment.stop))  # the last sample ends the last step
+            motion = smooth_motion(replace(walk, segments=(piece,)), robot.layout, None)
+            rows = slice(piece.start, piece.stop - 1)
+            before[rows] = dynamics.residual(motion)[:, dof]
+            after[rows] = dynamics.residual_at(motion, point)[:, dof]
     return TorquePrediction(
         joints=robot.joint_names,
-        time_s=smooth_motion(clock, robot.layout, CUTOFF_HZ).effort[:, dof[0]],
-        measured=motion.effort[:, dof],
-        nominal=(motion.effort + before)[:, dof],
-        identified=(motion.effort + after)[:, dof],
+        # The instants that the low-pass keeps, found by passing the clock through it.
+        time_s=low_passed(np.repeat(walk.time_s[:, None], walk.effort.shape[1], axis=1))[:, 0],
+        measured=low_passed(walk.effort),
+        nominal=low_passed(walk.effort + before),
+        identified=low_passed(walk.effort + after),
     )
 
 
