@@ -15,7 +15,7 @@ import mujoco
 
 from massid.assets import find_model_by_hash, resolve_model
 from massid.audit import Prepared, prepare_walks
-from massid.errors import BadInputError, LogError
+from massid.errors import BadInputError, LogError, StoppedError
 from massid.identify import IdentifyOptions, OnlineIdentifier, identify_offline, identify_online
 from massid.identify.logs import PreparedLog
 from massid.identify.options import idle_options
@@ -31,7 +31,7 @@ from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.spaces import parameter_space
 from massid.model.unknowns.unknown import Unknown
 from massid.observer.sensors import NoisySensors
-from massid.result import Result
+from massid.result import Result, Status
 from massid.result.evidence import Evidence
 from massid.result.verdict import Verdict
 from massid.search.guided import check_bank_size
@@ -47,6 +47,8 @@ Mode: TypeAlias = Literal["auto", "online", "offline"]
 Tell: TypeAlias = "Callable[[Weighing | str | Verdict], None]"
 """Told what is about to be done, each warning, and the verdict, as soon as it is known."""
 
+FEW_PASSES = 6
+"""Of a log without noise that one pass has not settled: with second-order steps each squares what is left."""
 _READ, _JUDGED, _FITTED = 0.06, 0.15, 0.95
 """Fractions of the work that are done after each step."""
 
@@ -126,6 +128,7 @@ class Weighing:
         logs: the parts of the logs that are fitted, with their sensor models and nuisances.
         held: the parts that are not; None where it would be too short.
         is_offline: whether the logs are replayed.
+        may_replay: whether they are if one pass over logs without noise does not suffice.
         options: how to identify.
         warnings: what the user should know, one line each.
     """
@@ -136,6 +139,7 @@ class Weighing:
     logs: tuple[PreparedLog, ...]
     held: tuple[Walk | None, ...]
     is_offline: bool
+    may_replay: bool
     options: IdentifyOptions
     warnings: tuple[str, ...]
 
@@ -205,6 +209,7 @@ class Weighing:
             logs=fitted,
             held=tuple(part.held for part in parts),
             is_offline=is_offline,
+            may_replay=mode == "auto" and not is_offline,
             options=options,
             warnings=(*said, *(doubt for log in fitted for doubt in log.doubts), *idle_options(options, noisy)),
         )
@@ -256,6 +261,8 @@ class Weighing:
         """Find what was asked for; see `weigh`."""
         identify = identify_offline if self.is_offline else identify_online
         result = identify(self.logs, self.robot, self.options, progress, stop)
+        if self.may_replay and result.status is Status.NOT_CONVERGED and not result.stopped:
+            result = self._replayed(result, progress, stop)
         evidence = Evidence(
             robot=self.robot,
             complete=self.complete,
@@ -264,6 +271,16 @@ class Weighing:
             held=self.held,
         )
         return replace(result, evidence=evidence, warnings=(*self.warnings, *result.warnings))
+
+    def _replayed(self, once: Result, progress: Progress, stop: Callable[[], bool]) -> Result:
+        """A few passes over logs that ended before one pass had settled; that one's result if they do not settle."""
+        options = replace(self.options, passes=min(self.options.passes, FEW_PASSES))
+        filled = [log for log in self.logs if any(True for _ in log.walk.windows(options.dwell_s))]
+        try:
+            again = identify_offline(filled, self.robot, options, progress, stop)
+        except StoppedError:
+            return once.stopped_early()
+        return once if again.status is Status.NOT_CONVERGED else again
 
     def check(self, result: Result) -> Result:
         """The result with what the logs say about it."""

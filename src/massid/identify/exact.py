@@ -24,6 +24,9 @@ STREAM_FLOOR, REPLAY_FLOOR = 0.2, 1e-6
 """A step that would lower mu by less than this share of what it leaves is within what the log itself leaves open. Of a
 stream each window has errors of its own, correlated for as long as the injection takes, of which a few parameters
 explain some percent; a log that is replayed has the same in every pass."""
+SETTLED_STEP = 1e-5
+"""A log that ends while steps move no parameter by more than this share of its scale has been solved that well, whether
+or not there was a further window to show it."""
 LARGEST_REST = 1e-3
 """Share of the links' masses that may stay unexplained."""
 MARGIN = 10.0
@@ -57,8 +60,9 @@ class ExactInference:
         """None."""
 
     def assess(self, findings: Findings, trace: Sequence[WindowResult], timestep_s: float, settled: bool) -> Assessment:
-        """Judge the sum of the windows' Hessians, and what is left of mu."""
+        """Judge the sum of the windows' Hessians, the last step and what is left of mu."""
         space = findings.space
+        settled = settled or bool(np.all(np.abs(trace[-1].newton_step) <= SETTLED_STEP * space.scale))
         excitation = assess_excitation(space, findings.information.curvature, timestep_s)
         rest = relative_rest(space, findings.estimate, findings.last)
         if rest < LARGEST_REST:
