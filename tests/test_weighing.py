@@ -15,6 +15,7 @@ from massid.errors import BadInputError, LogError, ModelError, StoppedError
 from massid.identify import IdentifyOptions
 from massid.result import Status
 from massid.result.verdict import Verdict
+from massid.walk import Walk
 from massid.walk.noise import PRESETS, Sensors
 from massid.weighing import Weighing
 from tests.conftest import Pushed
@@ -65,6 +66,34 @@ def test_noise_decides_how_windows_are_seen_unless_the_caller_does(pushed: Pushe
     ):
         job = Weighing.prepare(walk, pushed.robot, LINKS, mode=mode, options=SHORT)  # type: ignore[arg-type]
         assert job.is_offline is offline
+
+
+def _stretch(walk: Walk, first: int, windows: int) -> Walk:
+    """So many dwell windows of `SHORT`, from a sample on."""
+    names = ("stamps_ns", "qpos", "qvel", "effort", "wrench")
+    rows = slice(first, first + 250 * windows + 1)
+    return replace(walk, segments=(), **{name: getattr(walk, name)[rows] for name in names})
+
+
+def test_a_clean_log_that_ends_before_one_pass_has_settled_is_replayed(pushed: Pushed) -> None:
+    short = _stretch(pushed.walk, 600, windows=2)
+    fractions: list[float] = []
+    once = massid.weigh(short, pushed.robot, LINKS, options=SHORT, mode="online")
+    again = massid.weigh(
+        short, pushed.robot, LINKS, options=SHORT, progress=lambda fraction, _: fractions.append(fraction)
+    )
+    assert (once.status, once.mode) == (Status.NOT_CONVERGED, "online")
+    assert (again.status, again.mode) == (Status.CONVERGED, "offline")
+    assert np.linalg.norm(again.estimate - pushed.truth) < 1e-9
+    assert fractions == sorted(fractions)
+
+
+def test_a_log_that_ends_as_steps_have_become_tiny_has_been_solved(pushed: Pushed) -> None:
+    """Whether or not there is one more window that shows a step below the tolerance."""
+    result = massid.weigh(_stretch(pushed.walk, 600, 3), pushed.robot, LINKS, options=SHORT, mode="online")
+    assert 1e-8 < np.max(np.abs(result.windows[-1].newton_step) / pushed.truth) < 1e-5
+    assert np.linalg.norm(result.estimate - pushed.truth) < 1e-9
+    assert result.status is Status.CONVERGED
 
 
 @pytest.mark.parametrize("mode", ["online", "offline"])

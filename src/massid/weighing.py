@@ -277,7 +277,8 @@ class Weighing:
         options = replace(self.options, passes=min(self.options.passes, FEW_PASSES))
         filled = [log for log in self.logs if any(True for _ in log.walk.windows(options.dwell_s))]
         try:
-            again = identify_offline(filled, self.robot, options, progress, stop)
+            # The first pass has told the caller that all is done; what follows cannot go back behind that.
+            again = identify_offline(filled, self.robot, options, lambda _, what: progress(1.0, what), stop)
         except StoppedError:
             return once.stopped_early()
         return once if again.status is Status.NOT_CONVERGED else again

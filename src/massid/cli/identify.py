@@ -40,8 +40,9 @@ EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVER
 class Identify:
     """Find the masses of a robot's links from the log of a walk, or from several logs of the same robot.
 
-    A log without noise is read once. A noisy one is replayed several times, which takes a few times its length. Its
-    white noise is read off it (--noise auto); offsets and gains, which no log shows, are taken as in --noise realistic.
+    A log without noise is read once, or a few times if it is short. A noisy one is replayed several times, which takes
+    a few times its length. Its white noise is read off it (--noise auto); offsets and gains, which no log shows, are
+    taken as in --noise realistic.
     What is printed after +- is a 95 % interval.
 
     Examples:
@@ -72,7 +73,7 @@ class Identify:
     """Topic map: a YAML file, or a preset such as ros2 or unitree_g1; default what massid records."""
     mode: Literal["auto", "online", "offline"] = "auto"
     """online sees every dwell window once; offline replays the log and sums over all windows, which gets more out of a
-    noisy log; auto is online for a log without noise, and else offline."""
+    noisy log; auto is online for a log without noise, and offline else or if that has not settled."""
     truth: OptionalFile = None
     """NAME.truth.json of a simulated walk: adds true masses and errors to what is printed, nothing else."""
     json: OptionalFile = None
