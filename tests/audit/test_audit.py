@@ -20,7 +20,7 @@ from massid.walk import Segment, Walk
 from massid.walk.conventions import to_body
 from massid.walk.noise import PRESETS, NoisePreset, Sensors
 from tests.conftest import Pushed
-from tests.pushed_robot import LINKS, XML, draw_truth, make_robot, push_about
+from tests.pushed_robot import XML, draw_truth, make_robot, push_about, stamped_late
 
 
 @pytest.fixture(scope="module")
@@ -201,17 +201,17 @@ def test_whole_samples_of_lag_are_found(log: Pushed, effort: int, wrench: int) -
     assert lag.rest_after < 1e-3 * lag.rest_before
 
 
-def test_the_mean_force_of_an_rk4_step_is_not_taken_for_a_lag() -> None:
-    """It acts half a step late; whole samples are still found."""
-    robot = make_robot("RK4")
-    space = mass_space(robot, LINKS)
-    walk = push_about(robot, space, draw_truth(space, seed=1), seconds=1.5, amplitude=0.12, shaking_nm=20.0)
-    lag = estimate_lag(robot, walk)
-    assert lag is not None
-    assert not lag.believed
-    late = estimate_lag(robot, replace(walk, effort=np.roll(walk.effort, 4, axis=0)))
-    assert late is not None
-    assert late.believed
+@pytest.mark.parametrize(("integrator", "believed"), [("Euler", True), ("RK4", False)])
+def test_half_a_step_of_lag_is_not_believed_where_a_step_has_no_single_force(
+    integrator: str, believed: bool, log: Pushed
+) -> None:
+    """The mean force of a step of RK4 acts half a step late."""
+    robot = make_robot(integrator)
+    half, whole = (estimate_lag(robot, stamped_late(log.walk, lag_s, lag_s)) for lag_s in (0.5e-3, 4e-3))
+    assert half is not None
+    assert whole is not None
+    assert half.believed is believed
+    assert whole.believed
 
 
 def test_a_log_that_is_too_short_has_no_lag(log: Pushed) -> None:
