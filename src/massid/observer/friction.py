@@ -33,6 +33,8 @@ _UNIFORM = 3.0**-0.5
 """Deviation of what may be anything up to 1 in size."""
 _SURE = 3.0
 """Standard deviations beyond which something is sure."""
+_DROWNS = 2.0
+"""Factor by which noise must exceed every friction loss at one sample for none to stand out at those around it."""
 _SATURATED = 0.999
 """Share of the friction loss at which friction has no reserve left; the engine's constraint is soft."""
 _BLUR = 0.3
@@ -109,6 +111,8 @@ class StickSlip:
             wrench: measured wrenches, shape (n, 6 n_contacts) [N, N m].
         """
         loss = self._model.dof_frictionloss[self._joint_dof]
+        if np.all(_SURE * self._solver.deviation(qpos[0], qvel[0], averaged=self._brief) > _DROWNS * loss):
+            return self._told_by_speed(qpos, (qvel, force, wrench), loss)
         demand = self._demand(qpos, (qvel, force, wrench), self._brief)
         stands_out = _SURE * demand.std < loss
         found = self._told_by_torque(demand, loss)

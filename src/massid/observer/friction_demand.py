@@ -79,6 +79,18 @@ class FrictionSolver:
             std[k, dofs] = spread
         return Demand(*(values[:, self._joint_dof] for values in (torque, needed, std)))
 
+    def deviation(self, qpos: FloatArray, qvel: FloatArray, averaged: int) -> FloatArray:
+        """Of what is needed at one state, see `Demand.std`, shape (n_joints,); inf without friction loss."""
+        model, data = self._model, self._data
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:], data.ctrl[:] = qpos, qvel, 0.0, 0.0
+        mujoco.mj_forward(model, data)
+        rows = data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+        std = np.full(model.nv, np.inf)
+        std[data.efc_id[rows]] = np.sqrt(
+            self._variance(data.efc_id[rows], data.efc_D[rows], data.efc_KBIP[rows].T[1]) / averaged
+        )
+        return std[self._joint_dof]
+
     def _variance(self, dofs: IntArray, stiffness: FloatArray, rate: FloatArray) -> FloatArray:
         """Of what is needed at the last solution, from single readings and with all joints held, shape (n_rows,)."""
         model, data = self._model, self._data
