@@ -25,9 +25,9 @@ def test_noise_alone_is_never_taken_for_a_jump() -> None:
 
 @pytest.mark.parametrize("ms", LEAST_SEEN)
 def test_an_impact_is_seen_in_the_place_where_it_is(ms: int) -> None:
-    """A velocity that changes by 100 deviations of its noise in milliseconds: wide lines see nothing of it there."""
+    """A velocity that changes by 300 deviations of its noise in milliseconds: wide lines see nothing of it there."""
     time = np.arange(400)
-    change = np.clip((time - 200) / ms, 0.0, 1.0)[:, None] * 100.0 * STD
+    change = np.clip((time - 200) / ms, 0.0, 1.0)[:, None] * 300.0 * STD
     rows = change + STD * np.random.default_rng(1).normal(size=(400, 2))
     true = np.gradient(change, axis=0)
     narrow, wide = slope(rows, ALL, SPANS, STD), slope(rows, ALL, SPANS)
