@@ -228,8 +228,7 @@ class LikelihoodLearning:
 
     def learn(self, monitoring: Monitoring, iteration: Iteration) -> FloatArray:
         """Add a window to the belief, the less the further the estimate has moved from where it was seen."""
-        # A window alone shows its slope too roughly.
-        window = self.last = replace(monitoring.window_quadratic(), slope=None)
+        window = self.last = monitoring.window_quadratic()
         found = posterior(self._space, self.belief + window)
         bend = _bend(window, iteration.estimate, found.covariance, self._space)
         if not self._is_rough and bend <= LARGEST_BEND:
