@@ -135,10 +135,10 @@ class InputBelief:
         spans = self._spans
         motion = Motion(
             position=qpos[own],
-            velocity=level(qvel, own, spans, self._velocity_std),
+            velocity=level(qvel, own, spans),
             acceleration=slope(qvel, own, spans, self._velocity_std) / self._timestep_s,
-            effort=level(effort, own, spans, self._effort_std),
-            wrench=level(wrench, own, spans, self._wrench_std) * loaded[own],
+            effort=level(effort, own, spans),
+            wrench=level(wrench, own, spans) * loaded[own],
             effort_rate=slope(effort, own, spans, self._effort_std) / self._timestep_s,
             wrench_rate=slope(wrench, own, spans, self._wrench_std) / self._timestep_s * loaded[own],
             loaded=loaded[own],

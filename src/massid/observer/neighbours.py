@@ -8,8 +8,6 @@ more than noise can make it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.ndimage import correlate1d
 
@@ -23,53 +21,43 @@ had a torso 0.55 deviations off and 0.18 kg of error; at 15 and 25 a quarter of 
 and 0.16 kg. Of feet that stamp 2 % less is known at 15 than at 7, and 7 % less at 25."""
 
 
-def level(rows: FloatArray, own: slice, spans: Spans, std: FloatArray | None = None) -> FloatArray:
+def level(rows: FloatArray, own: slice, spans: Spans) -> FloatArray:
     """Averages of both sides' neighbours, for some of the rows.
+
+    Always of the widest: shorter ones were no better for feet that stamp, and let in noise of torques and wrenches.
+    """
+    width = spans.reach - spans.gap
+    return _from_sides(rows, own, spans.gap, spans.reach, np.full(width, 1.0 / width))
+
+
+def slope(rows: FloatArray, own: slice, spans: Spans, std: FloatArray | None = None) -> FloatArray:
+    """Slopes of straight lines through both sides' neighbours, for some of the rows, per row.
 
     Args:
         rows: readings, shape (n, channels).
         own: for which of them.
         spans: gaps and reaches.
-        std: of the readings' white noise, shape (channels,); None to keep to the widest neighbours everywhere.
+        std: of the readings' white noise, shape (channels,), by which shorter lines are judged that take the place of
+            longer ones where something jumps; None to keep to the widest neighbours everywhere.
     """
-    return _lines(rows, own, spans, std, _level_weights)
-
-
-def slope(rows: FloatArray, own: slice, spans: Spans, std: FloatArray | None = None) -> FloatArray:
-    """Slopes of straight lines through both sides' neighbours, for some of the rows, per row; see `level`."""
-    return _lines(rows, own, spans, std, _slope_weights)
-
-
-def _level_weights(width: int) -> FloatArray:
-    return np.full(width, 1.0 / width)
-
-
-def _slope_weights(width: int) -> FloatArray:
-    offsets = np.arange(width) - 0.5 * (width - 1)
-    return np.asarray(offsets / (offsets @ offsets))
-
-
-def _lines(
-    rows: FloatArray,
-    own: slice,
-    spans: Spans,
-    std: FloatArray | None,
-    weights_of: Callable[[int], FloatArray],
-) -> FloatArray:
-    """Widest lines, and shorter ones in their place where these surely differ."""
-    weights = weights_of(spans.reach - spans.gap)
+    weights = _slope_weights(spans.reach - spans.gap)
     found, spread = _from_sides(rows, own, spans.gap, spans.reach, weights), float(np.linalg.norm(weights))
     if std is None:
         return found
     k, n = np.arange(own.start, own.stop), len(rows)
     for gap, reach in spans.finer:
-        weights = weights_of(reach - gap)
+        weights = _slope_weights(reach - gap)
         value = _from_sides(rows, own, gap, reach, weights)
         before, spread = spread, float(np.linalg.norm(weights))
         inside = (k >= reach) & (k < n - reach)
         differs = np.abs(value - found) > SURE * np.hypot(before, spread) / np.sqrt(2.0) * std
         found = np.where(differs & inside[:, None], value, found)
     return found
+
+
+def _slope_weights(width: int) -> FloatArray:
+    offsets = np.arange(width) - 0.5 * (width - 1)
+    return np.asarray(offsets / (offsets @ offsets))
 
 
 def _from_sides(rows: FloatArray, own: slice, gap: int, reach: int, weights: FloatArray) -> FloatArray:
