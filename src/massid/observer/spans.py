@@ -33,6 +33,7 @@ class Spans:
         half_width: neighbours on each side that a reading is averaged with, at least 1.
         brief: likewise, where it changes quickly, at least 1.
         settling: samples after the last load before a foot counts as unloaded, at least 1.
+        finer: gaps and reaches of shorter lines, the longest first; those that a log is too slow for are left out.
     """
 
     gap: int

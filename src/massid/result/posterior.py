@@ -82,7 +82,7 @@ def posterior(
 
     Args:
         space: what was unknown; the parameters asked for come first.
-        total: sum over all windows and the prior, around the estimate.
+        total: sum over all windows and the prior, around the estimate; symmetric, see `LocalQuadratic.symmetric`.
         windows: each window's own part, without the prior; none if they were not kept.
         inflation: what is known of it otherwise, at least 1.
     """
