@@ -32,7 +32,7 @@ ONLY_IN = {
 }
 """Libraries that one room keeps to itself."""
 
-EVERYBODY = {"compiled", "errors", "typing"}
+EVERYBODY = {"compiled", "errors", "lazy", "typing"}
 """What every room may know."""
 
 SEES: dict[str, set[str]] = {

@@ -9,8 +9,9 @@ Nothing heavy is imported until it is used.
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from massid.lazy import lazy_names
 
 if TYPE_CHECKING:
     from massid.assets import sample_walk, shipped_models
@@ -90,15 +91,15 @@ __all__ = [
     "write_walk",
 ]
 
+_find = lazy_names(__name__, _HOMES)
+
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
         from importlib.metadata import version
 
         return version("massid")
-    if name in _HOMES:
-        return getattr(import_module(f"massid.{_HOMES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return _find(name)
 
 
 def __dir__() -> list[str]:

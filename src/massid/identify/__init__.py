@@ -5,8 +5,9 @@ Nothing is imported until it is used.
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from massid.lazy import lazy_names
 
 if TYPE_CHECKING:
     from massid.identify.offline import identify_offline
@@ -22,8 +23,4 @@ _HOMES = {
 
 __all__ = ["IdentifyOptions", "OnlineIdentifier", "identify_offline", "identify_online"]
 
-
-def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+__getattr__ = lazy_names(__name__, _HOMES)

@@ -181,6 +181,15 @@ class Robot:
         """Where its joints, and the sensors on some bodies, stand among the columns of a motion."""
         return Channels(self.model, self.layout, self.joint_names, tuple(contact_bodies))
 
+    def require_joint(self, name: str) -> None:
+        """Refuse what is none of its one-axis joints.
+
+        Raises:
+            ModelError: no such joint; it names those that there are.
+        """
+        if name not in self.joint_names:
+            raise ModelError(unknown_name("joint", name, self.joint_names, self.source))
+
     def model_at(self, space: ParameterSpace, point: FloatArray) -> mujoco.MjModel:
         """Compile a copy of the full model (actuators, contacts) with the parameters of one point in it."""
         model = self.spec.copy().compile()
@@ -221,8 +230,7 @@ class Robot:
             ModelError: no such joint, or one of several joints of a body held away from the model's own position.
         """
         for name in positions:
-            if name not in self.joint_names:
-                raise ModelError(unknown_name("joint", name, self.joint_names, self.source))
+            self.require_joint(name)
         return Robot(without_joints(self.spec, self.model, positions), self.source) if positions else self
 
     def align(self, walk: Walk) -> Walk:

@@ -8,7 +8,7 @@ from enum import StrEnum
 import mujoco
 import numpy as np
 
-from massid.errors import ModelError, unknown_name
+from massid.errors import ModelError
 from massid.model.robot import Robot
 from massid.walking.morphology import torque_limits
 
@@ -50,8 +50,7 @@ def variant(
         if not isinstance(by_joint, Mapping):
             by_joint = dict.fromkeys(robot.joint_names, by_joint)
         for name, loss_nm in by_joint.items():
-            if name not in robot.joint_names:
-                raise ModelError(unknown_name("joint", name, robot.joint_names, robot.source))
+            robot.require_joint(name)
             spec.joint(name).frictionloss = loss_nm
     return Robot(spec, robot.source)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import mujoco
 import numpy as np
 
-from massid.errors import ModelError, unknown_name
+from massid.errors import ModelError
 from massid.model.layout import Channels
 from massid.model.motion import Motion
 from massid.model.unknowns.unknown import Effect, Unknown
@@ -120,8 +120,7 @@ class Stiffness(Unknown):
         Raises:
             ModelError: no such joint.
         """
-        if target not in robot.joint_names:
-            raise ModelError(unknown_name("joint", target, robot.joint_names, robot.source))
+        robot.require_joint(target)
         nominal = float(robot.model.jnt_stiffness[robot.model.joint(target).id])
         scale = max(nominal, _typical_torque(robot) / TYPICAL_ANGLE)
         return (cls(target, nominal=nominal, lower=0.0, upper=nominal + REACH * scale, scale=scale),)
@@ -149,8 +148,7 @@ def _typical_torque(robot: Robot) -> float:
 
 def _check_joint(robot: Robot, joint: str) -> None:
     """Refuse what is no joint, and dampers that are not the joints' own."""
-    if joint not in robot.joint_names:
-        raise ModelError(unknown_name("joint", joint, robot.joint_names, robot.source))
+    robot.require_joint(joint)
     if not np.array_equal(robot.identification_model(()).dof_damping, robot.model.dof_damping):
         raise ModelError(
             f"{robot.source}: actuators damp joints, too; give that damping to the joints to have it identified."

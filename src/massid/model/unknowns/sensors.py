@@ -52,8 +52,7 @@ class JointSensorError(Unknown):
         Raises:
             ModelError: no such joint.
         """
-        if target not in robot.joint_names:
-            raise ModelError(unknown_name("joint", target, robot.joint_names, robot.source))
+        robot.require_joint(target)
         reach = NUISANCE_REACH * cls.typical
         return (cls(target, nominal=0.0, lower=-reach, upper=reach, scale=cls.typical),)
 
