@@ -30,6 +30,7 @@ from massid.model.robot import Robot
 from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.spaces import parameter_space
 from massid.model.unknowns.unknown import Unknown
+from massid.observer.blas import single_threaded
 from massid.observer.sensors import NoisySensors
 from massid.result import Result, Status
 from massid.result.evidence import Evidence
@@ -192,13 +193,14 @@ class Weighing:
         check_bank_size(asked_of, options.models(len(asked_of)))
         scanned_columns(asked_of, options.search.scan)
         progress(0.3, "checking")
-        prepared = prepare_walks(sources, complete, topic_map, read, thorough=thorough)
-        weighed = prepared[0].robot
-        asked = parameter_space(weighed, named_links(weighed, links), unknowns)
-        parts = [hold_out(one.walk, held_out) for one in prepared]
-        fitted = prepare_logs(
-            [part.fitted for part in parts], weighed, asked, options, [one.audit.clean for one in prepared]
-        )
+        with single_threaded():
+            prepared = prepare_walks(sources, complete, topic_map, read, thorough=thorough)
+            weighed = prepared[0].robot
+            asked = parameter_space(weighed, named_links(weighed, links), unknowns)
+            parts = [hold_out(one.walk, held_out) for one in prepared]
+            fitted = prepare_logs(
+                [part.fitted for part in parts], weighed, asked, options, [one.audit.clean for one in prepared]
+            )
         noisy = isinstance(fitted[0].sensors, NoisySensors)
         is_offline = mode == "offline" or (mode == "auto" and noisy)
         said = [warning for one in prepared for warning in one.walk.warnings]
@@ -244,7 +246,8 @@ class Weighing:
 
     def foresee(self, progress: Progress = silent) -> Verdict:
         """Say what the logs can reveal, without fitting anything."""
-        return foresee(self.logs, self.robot, self.asked, self.options, progress)
+        with single_threaded():
+            return foresee(self.logs, self.robot, self.asked, self.options, progress)
 
     def replay(self, n_models: int | None = None) -> WalkReplay:
         """The first log with a bank of models, for an optimiser of one's own; see `WalkReplay.score`.
@@ -260,9 +263,10 @@ class Weighing:
     def identify(self, progress: Progress = silent, stop: Callable[[], bool] = never) -> Result:
         """Find what was asked for; see `weigh`."""
         identify = identify_offline if self.is_offline else identify_online
-        result = identify(self.logs, self.robot, self.options, progress, stop)
-        if self.may_replay and result.status is Status.NOT_CONVERGED and not result.stopped:
-            result = self._replayed(result, progress, stop)
+        with single_threaded():
+            result = identify(self.logs, self.robot, self.options, progress, stop)
+            if self.may_replay and result.status is Status.NOT_CONVERGED and not result.stopped:
+                result = self._replayed(result, progress, stop)
         evidence = Evidence(
             robot=self.robot,
             complete=self.complete,
@@ -288,8 +292,10 @@ class Weighing:
         walks = [one.walk for one in self.prepared]
         held = self.held[0]
         log = self.logs[0] if held is None else replace(self.logs[0], walk=held)
-        validation = validate(result, walks, self.held, self.robot)
-        return result.checked(replace(validation, residuals=channel_residuals(result, log, self.robot)))
+        with single_threaded():
+            validation = validate(result, walks, self.held, self.robot)
+            residuals = channel_residuals(result, log, self.robot)
+        return result.checked(replace(validation, residuals=residuals))
 
 
 def load_robot(robot: Model | None, walks: Sequence[Walk] = ()) -> Robot:

@@ -18,7 +18,6 @@ from massid.identify.options import IdentifyOptions
 from massid.identify.progress import Progress, never, silent
 from massid.identify.replay import WalkReplay
 from massid.model.robot import Robot
-from massid.observer.blas import single_threaded
 from massid.result.result import Result, WindowResult
 from massid.search.guided import GuidedSearch
 from massid.search.offline import run_offline
@@ -59,16 +58,15 @@ def identify_offline(
     def tell(index: int, done: float) -> None:
         progress((index + done) / options.passes, f"pass {index + 1}")
 
-    with single_threaded():
-        replays = [
-            WalkReplay(log, robot, options, n_models, columns) for log, columns in zip(logs, joint.columns, strict=True)
-        ]
-        run = run_offline(replays, search, options.passes, inference.pass_rule(space), prior, tell, stop)
+    replays = [
+        WalkReplay(log, robot, options, n_models, columns) for log, columns in zip(logs, joint.columns, strict=True)
+    ]
+    run = run_offline(replays, search, options.passes, inference.pass_rule(space), prior, tell, stop)
     progress(1.0, "done")
     log_s = sum(log.walk.duration_s for log in logs)
     trace = [replace(WindowResult.from_iteration(one, log_s), index=k) for k, one in enumerate(run.iterations)]
     total = reduce(add, run.scores).window_quadratic()
-    told = total.symmetric()
+    told, weights = total.symmetric(), total.weights
     information = (told if prior is None else told + prior).shifted(run.estimate)
     parts = [score.window_quadratic().shifted(run.estimate) for score in run.scores]
     result = conclude(
@@ -78,7 +76,7 @@ def identify_offline(
             run.estimate,
             information,
             total,
-            tuple(part.weighed(total.weights) for part in parts),
+            tuple(part.weighed(weights) for part in parts),
             rise=run.rise,
         ),
         inference,

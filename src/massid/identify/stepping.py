@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from massid.model.robot import Robot
-from massid.observer.blas import single_threaded
 from massid.observer.sensors import NoisySensors
 from massid.search.parameters import ParameterSpace
 from massid.walk import Segment, Walk
@@ -75,15 +74,14 @@ def _unexplained(
 ) -> float:
     """Mean square of what the nominal model leaves unexplained, in units of the noise; inf if it diverges."""
     total, counted = 0.0, 0
-    with single_threaded():
-        bank = sensors.bank(robot, asked, walk.contact_bodies, walk.timestep_s, n_models=1, n_threads=1, tangents=False)
-        bank.place(asked.nominal[None])
-        for stretch in stretches:
-            settled = stretch.start + round(SETTLING_S / walk.timestep_s)
-            for part, errors in bank.replay(walk, stretch, stop=stretch.stop):
-                if errors.diverged.any():
-                    return float("inf")
-                if part.start >= settled:
-                    total += bank.timestep_s * float((errors.values**2).sum())
-                    counted += errors.values.size
+    bank = sensors.bank(robot, asked, walk.contact_bodies, walk.timestep_s, n_models=1, n_threads=1, tangents=False)
+    bank.place(asked.nominal[None])
+    for stretch in stretches:
+        settled = stretch.start + round(SETTLING_S / walk.timestep_s)
+        for part, errors in bank.replay(walk, stretch, stop=stretch.stop):
+            if errors.diverged.any():
+                return float("inf")
+            if part.start >= settled:
+                total += bank.timestep_s * float((errors.values**2).sum())
+                counted += errors.values.size
     return total / max(counted, 1)

@@ -31,7 +31,6 @@ from massid.model.realisation import FRICTION_LOSS
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.unknown import adds_mass, unknowns_of
-from massid.observer.blas import single_threaded
 from massid.observer.sensors import ExactSensors, NoisySensors
 from massid.result.combinations import known_sums, open_combinations
 from massid.result.excitation import LARGEST_DEVIATION
@@ -87,10 +86,9 @@ def foresee(
     width_s = 0.0
     if not is_reference:
         width_s = _SMOOTHING_STILL_S if facts.motion is Motion.STANDING else _SMOOTHING_S
-    with single_threaded():
-        for k, (log, columns) in enumerate(zip(logs, joint.columns, strict=True)):
-            part = partial(_report, progress, k, len(logs))
-            information[np.ix_(columns, columns)] += _information(log, robot, width_s, part)
+    for k, (log, columns) in enumerate(zip(logs, joint.columns, strict=True)):
+        part = partial(_report, progress, k, len(logs))
+        information[np.ix_(columns, columns)] += _information(log, robot, width_s, part)
     progress(1.0, "done")
     posterior = _Posterior(joint.space, information)
     everything = posterior.covariance()

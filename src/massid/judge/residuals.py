@@ -6,7 +6,6 @@ import numpy as np
 
 from massid.identify.logs import PreparedLog
 from massid.model.robot import Robot
-from massid.observer.blas import single_threaded
 from massid.observer.sensors import ExactSensors
 from massid.result.checks import Residuals
 from massid.result.result import Result
@@ -40,14 +39,13 @@ def channel_residuals(result: Result, log: PreparedLog, robot: Robot) -> Residua
     if len(segment) < 2 * lead:
         return None
     space, point = result.unknowns()
-    with single_threaded():
-        bank = sensors.bank(robot, space, walk.contact_bodies, walk.timestep_s, n_models=2, tangents=False)
-        bank.place(np.vstack([point, space.nominal]))
-        total, counted = np.zeros((2, 2 * robot.model.nv)), 0
-        for part, errors in bank.replay(walk, segment, stop=longest.stop):
-            if part.start >= segment.start + lead:
-                total += bank.timestep_s * np.sum(errors.values**2, axis=1)
-                counted += len(part) - 1
+    bank = sensors.bank(robot, space, walk.contact_bodies, walk.timestep_s, n_models=2, tangents=False)
+    bank.place(np.vstack([point, space.nominal]))
+    total, counted = np.zeros((2, 2 * robot.model.nv)), 0
+    for part, errors in bank.replay(walk, segment, stop=longest.stop):
+        if part.start >= segment.start + lead:
+            total += bank.timestep_s * np.sum(errors.values**2, axis=1)
+            counted += len(part) - 1
     identified, nominal = total / counted
     return Residuals(
         _names(robot), _by_channel(robot, nominal), _by_channel(robot, identified), counted * walk.timestep_s

@@ -1,4 +1,4 @@
-"""One BLAS thread while a bank runs: its matrices are small, and its own threads already use the processors.
+"""One BLAS thread for all that `massid.weigh` does: matrices are small, and the bank's threads use the processors.
 
 On two cores, with a second program running, the Gram update of 154 rows took 136 ms with OpenBLAS's own threads and
 4 ms without.
