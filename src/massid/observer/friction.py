@@ -113,16 +113,13 @@ class StickSlip:
         loss = self._model.dof_frictionloss[self._joint_dof]
         if np.all(_SURE * self._solver.deviation(qpos[0], qvel[0], averaged=self._brief) > _DROWNS * loss):
             return self._told_by_speed(qpos, (qvel, force, wrench), loss)
-        demand = self._demand(qpos, (qvel, force, wrench), self._brief)
+        averages = _averaged(qvel, force, wrench, width=self._brief)
+        demand = self._solver.solve(qpos, averages[0], averages[1], averages[2], averaged=self._brief)
         stands_out = _SURE * demand.std < loss
         found = self._told_by_torque(demand, loss)
         if stands_out.all():
             return found
         return found.where(stands_out, self._told_by_speed(qpos, (qvel, force, wrench), loss))
-
-    def _demand(self, qpos: FloatArray, readings: tuple[FloatArray, ...], width: int) -> Demand:
-        qvel, force, wrench = (uniform_filter1d(rows, width, axis=0, mode="mirror") for rows in readings)
-        return self._solver.solve(qpos, qvel, force, wrench, averaged=width)
 
     def _told_by_torque(self, demand: Demand, loss: FloatArray) -> Friction:
         """Of a friction loss well above the noise: a joint sticks if that takes less than the loss.
@@ -153,8 +150,8 @@ class StickSlip:
 
         Then it is what the engine makes of averaged readings, whose noise is another one an average later.
         """
-        torque = self._demand(qpos, readings, self._width).torque
-        speed = uniform_filter1d(readings[0], self._width, axis=0, mode="mirror")[:, self._joint_dof]
+        qvel, force, wrench = _averaged(*readings, width=self._width)
+        torque, speed = self._solver.torque(qpos, qvel, force, wrench), qvel[:, self._joint_dof]
         slides = (np.abs(speed) > _SURE * self._velocity_std) & (np.abs(torque) >= _SATURATED * loss)
         slides &= torque * speed <= 0.0  # a joint that turns round has friction of the other sign for a moment
         slides = minimum_filter1d(slides, self._width, axis=0, mode="nearest")
@@ -168,3 +165,7 @@ class StickSlip:
     def _as_noise(self, torque: FloatArray, lasting_s: float) -> FloatArray:
         """Variance of white noise with the impulse of a torque that is wrong for as long as doubt lasts [N^2 m^2]."""
         return np.asarray(torque**2 * lasting_s / self._timestep_s)
+
+
+def _averaged(*readings: FloatArray, width: int) -> list[FloatArray]:
+    return [uniform_filter1d(rows, width, axis=0, mode="mirror") for rows in readings]

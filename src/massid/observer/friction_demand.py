@@ -7,6 +7,7 @@ and by how much.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -49,30 +50,44 @@ class FrictionSolver:
         self._model = model
         self._data = mujoco.MjData(model)
         self._joint_dof = layout.joint_dof
+        self._n_tendons = int(np.count_nonzero(model.tendon_frictionloss > 0.0))
         self._effort_variance, self._velocity_variance = noise.effort**2, noise.joint_velocity**2
         self._wrench_variance = np.tile(noise.wrench_std() ** 2, model.nu // 6)
 
-    def solve(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray, wrench: FloatArray, averaged: int) -> Demand:
-        """Friction of every joint at every sample; zero where a joint has no friction loss.
+    def torque(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray, wrench: FloatArray) -> FloatArray:
+        """Friction that acted at every sample, shape (n, n_joints) [N m]; zero where a joint has no friction loss.
 
         Args:
             qpos: shape (n, nq) [rad or m].
             qvel: shape (n, nv) [rad/s or m/s].
             force: generalised forces of the joint torques, shape (n, nv) [N m or N].
             wrench: shape (n, 6 n_contacts) [N, N m].
+        """
+        data, torque = self._data, np.zeros((len(qpos), self._model.nv))
+        for k in self._solutions(qpos, qvel, force, wrench):
+            rows = self._rows
+            torque[k, data.efc_id[rows]] = data.efc_force[rows]
+        return torque[:, self._joint_dof]
+
+    def solve(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray, wrench: FloatArray, averaged: int) -> Demand:
+        """Friction that acted, and what it would have taken to hold the joint; arguments as of `torque`.
+
+        Args:
+            qpos: positions.
+            qvel: velocities.
+            force: of the joint torques.
+            wrench: at the contacts.
             averaged: how many readings each of velocities, forces and wrenches is the average of.
         """
-        model, data = self._model, self._data
-        torque, needed, std = np.zeros((3, len(qpos), model.nv))
-        for k in range(len(qpos)):
-            data.qpos[:], data.qvel[:], data.qfrc_applied[:], data.ctrl[:] = qpos[k], qvel[k], force[k], wrench[k]
-            mujoco.mj_forward(model, data)
-            rows = data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
+        data, loss = self._data, self._model.dof_frictionloss
+        torque, needed, std = np.zeros((3, len(qpos), self._model.nv))
+        for k in self._solutions(qpos, qvel, force, wrench):
+            rows = self._rows
             dofs, stiffness, (_, rate, impedance, _) = data.efc_id[rows], data.efc_D[rows], data.efc_KBIP[rows].T
             torque[k, dofs] = data.efc_force[rows]
             linear = -stiffness * (data.qacc[dofs] + rate * qvel[k, dofs])
             # A joint that is let go accelerates: what the constraint lacks is a share 1 - impedance of what it shows.
-            beyond = (1.0 - impedance) * np.maximum(np.abs(linear) - model.dof_frictionloss[dofs], 0.0)
+            beyond = (1.0 - impedance) * np.maximum(np.abs(linear) - loss[dofs], 0.0)
             needed[k, dofs] = torque[k, dofs] + np.sign(linear) * beyond
             if k % _HOLD_STEPS == 0:
                 spread = np.sqrt(self._variance(dofs, stiffness, rate) / averaged)
@@ -81,15 +96,26 @@ class FrictionSolver:
 
     def deviation(self, qpos: FloatArray, qvel: FloatArray, averaged: int) -> FloatArray:
         """Of what is needed at one state, see `Demand.std`, shape (n_joints,); inf without friction loss."""
-        model, data = self._model, self._data
-        data.qpos[:], data.qvel[:], data.qfrc_applied[:], data.ctrl[:] = qpos, qvel, 0.0, 0.0
-        mujoco.mj_forward(model, data)
-        rows = data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF
-        std = np.full(model.nv, np.inf)
-        std[data.efc_id[rows]] = np.sqrt(
-            self._variance(data.efc_id[rows], data.efc_D[rows], data.efc_KBIP[rows].T[1]) / averaged
-        )
+        data, std = self._data, np.full(self._model.nv, np.inf)
+        still = np.zeros((1, self._model.nv)), np.zeros((1, self._model.nu))
+        for _ in self._solutions(qpos[None], qvel[None], *still):
+            rows = self._rows
+            variance = self._variance(data.efc_id[rows], data.efc_D[rows], data.efc_KBIP[rows].T[1])
+            std[data.efc_id[rows]] = np.sqrt(variance / averaged)
         return std[self._joint_dof]
+
+    def _solutions(self, qpos: FloatArray, qvel: FloatArray, force: FloatArray, wrench: FloatArray) -> Iterator[int]:
+        """Solve sample after sample; its number, while the engine's data hold the solution."""
+        model, data = self._model, self._data
+        for k in range(len(qpos)):
+            data.qpos[:], data.qvel[:], data.qfrc_applied[:], data.ctrl[:] = qpos[k], qvel[k], force[k], wrench[k]
+            mujoco.mj_forward(model, data)
+            yield k
+
+    @property
+    def _rows(self) -> slice:
+        """Constraints of the last solution that are joints' friction: after equalities, before tendons' friction."""
+        return slice(self._data.ne, self._data.ne + self._data.nf - self._n_tendons)
 
     def _variance(self, dofs: IntArray, stiffness: FloatArray, rate: FloatArray) -> FloatArray:
         """Of what is needed at the last solution, from single readings and with all joints held, shape (n_rows,)."""

@@ -29,6 +29,9 @@ from massid.search.bank import Shown
 from massid.typing import FloatArray
 from massid.walk.noise import SensorNoise
 
+HOLD_S = 0.01
+"""A linearisation is kept for so long: a leg that swings turns by a few degrees meanwhile [s]."""
+
 
 class KalmanInjection:
     """Time-varying Kalman gain along the measured motion.
@@ -40,7 +43,7 @@ class KalmanInjection:
         inputs: what is known of the inputs besides their readings.
         tangents: parameters that enter by their derivative; None for none.
         slopes: of those whose columns are not what the models show, what these do show; None for none.
-        hold_steps: samples for which a linearisation is kept.
+        hold_s: how long a linearisation, taken in the middle, is kept [s].
 
     Raises:
         BadInputError: a measured state is said to have no noise at all.
@@ -57,10 +60,10 @@ class KalmanInjection:
         inputs: InputBelief,
         tangents: TangentFilter | None = None,
         slopes: TangentFilter | None = None,
-        hold_steps: int = 5,
+        hold_s: float = HOLD_S,
     ) -> None:
         self._lineariser = lineariser
-        self._hold_steps = hold_steps
+        self._hold_steps = max(1, round(hold_s / lineariser.period_s))
         self._tangents = tangents
         self._slopes = slopes
         self._steps: list[tuple[ClosedLoop, StepLinearisation]] = []
@@ -127,8 +130,9 @@ class KalmanInjection:
         self._steps, diagonal = [], np.diag_indices(n_x)
         for k in range(n):
             if k % self._hold_steps == 0:
-                linear = self._lineariser.step(inputs, k)
-                process = self._process_noise(linear, inputs, k)
+                held = slice(k, min(k + self._hold_steps, n))
+                linear = self._lineariser.step(inputs, (held.start + held.stop - 1) // 2)
+                process = self._process_noise(linear, inputs, held)
             gains[k] = self._gain
             moved = linear.transition @ self._covariance
             innovation = moved @ linear.transition.T + process
@@ -172,9 +176,9 @@ class KalmanInjection:
             out[:, k] = (gains.whitener[k] @ self._slopes.step(k, loop, linear)).T
         return Shown(self._slopes.columns, out)
 
-    def _process_noise(self, linear: StepLinearisation, inputs: BelievedBlock, k: int) -> FloatArray:
-        """Covariance that noisy inputs and unknown friction add in one step, shape (2 nv, 2 nv)."""
-        unknown = inputs.friction_variance[k : k + self._hold_steps].max(axis=0)
-        from_wrench = linear.from_wrench * np.sqrt(self._wrench_variance * inputs.motion.loaded[k])
+    def _process_noise(self, linear: StepLinearisation, inputs: BelievedBlock, held: slice) -> FloatArray:
+        """Covariance that noisy inputs and unknown friction add in one step of some, shape (2 nv, 2 nv)."""
+        unknown = inputs.friction_variance[held].max(axis=0)
+        from_wrench = linear.from_wrench * np.sqrt(self._wrench_variance * inputs.motion.loaded[held].max(axis=0))
         from_effort = linear.from_effort * np.sqrt(self._effort_variance + unknown)
         return np.asarray(from_wrench @ from_wrench.T + from_effort @ from_effort.T)
