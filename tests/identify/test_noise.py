@@ -244,3 +244,19 @@ def test_a_search_that_comes_to_rest_does_not_run_away(pushed: Pushed) -> None:
     result = weigh_offline(_measured(pushed), pushed.robot, pushed.space, WHITE)
     assert result.status is Status.CONVERGED
     assert not any("worse than the best one did" in line for line in result.warnings)
+
+
+def test_near_the_root_the_centre_alone_tells_what_the_bank_tells(
+    pushed: Pushed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    walk = _measured(pushed)
+    short = weigh_offline(walk, pushed.robot, pushed.space, WHITE)
+    monkeypatch.setattr("massid.identify.likelihood.NEAR", 0.0)
+    long = weigh_offline(walk, pushed.robot, pushed.space, WHITE)
+    assert len(short.windows[-1].roles) == 1
+    assert min(len(one.roles) for one in long.windows) > 1
+    assert short.status is long.status is Status.CONVERGED
+    assert short.uncertainty is not None
+    assert long.uncertainty is not None
+    assert np.all(np.abs(short.estimate - long.estimate) < 0.1 * long.uncertainty.std)
+    np.testing.assert_allclose(short.uncertainty.std, long.uncertainty.std, rtol=0.02)

@@ -34,8 +34,13 @@ is then a seventh of a standard deviation away."""
 STALLED_PASSES, STALLED_SHARE = 3, 0.7
 """So many passes in a row that each leave more than this share of what was to be gained end the search: the log reveals
 too little. Of a walk a tenth is left."""
+WELL = 0.25
+"""A pass that leaves less than this share of what was to be gained has halved the distance: steps converge."""
 FIRST_WINDOWS = 4
 """A log is replayed no further than that until the estimate is about as good as so many windows can make it."""
+NEAR = 0.1
+"""A step by less than this share of every mass asked for ends so near the root that the slope seen there serves again:
+derivatives change by about as much, and as much of the distance is left after a further step."""
 LARGEST_RISE = 0.01
 """A search whose last pass explains the log worse than an earlier one by more than this share runs away. Where it comes
 to rest, the share is 0.002 and less: innovations of models that are off do not quite meet at the lowest mu."""
@@ -67,7 +72,7 @@ class LikelihoodInference:
 
     def pass_rule(self, space: ParameterSpace) -> LikelihoodPasses:
         """A few windows first, then all, until nothing is gained."""
-        return LikelihoodPasses(space.n_sampled)
+        return LikelihoodPasses(space)
 
     def learning(self, space: ParameterSpace, options: IdentifyOptions, timestep_s: float) -> LikelihoodLearning:
         """A running belief.
@@ -152,13 +157,13 @@ class LikelihoodPasses:
     """Ends passes over a log by what further ones would gain.
 
     Args:
-        asked: number of parameters that were asked for; they come first.
+        space: what is unknown; what was asked for comes first.
     """
 
     first_windows: int | None = FIRST_WINDOWS
 
-    def __init__(self, asked: int) -> None:
-        self._asked = asked
+    def __init__(self, space: ParameterSpace) -> None:
+        self._asked, self._scale = space.n_sampled, space.scale[: space.n_sampled]
         self._gains: list[float] = []
 
     def judge(self, iteration: Iteration, sees_all: bool) -> Outlook:
@@ -173,7 +178,11 @@ class LikelihoodPasses:
             return Outlook.GO_ON
         if iteration.status is SearchStatus.CONVERGED or _left_to_come(self._gains) < SETTLED_DECREASE:
             return Outlook.SETTLED
-        return Outlook.STALLED if stalled else Outlook.GO_ON
+        if stalled:
+            return Outlook.STALLED
+        shrinks = len(self._gains) < 2 or self._gains[-1] < WELL * self._gains[-2]
+        is_near = np.all(np.abs(iteration.newton_step[: self._asked]) < NEAR * self._scale)
+        return Outlook.NEAR if is_near and shrinks else Outlook.GO_ON
 
 
 def _left_to_come(gains: Sequence[float]) -> float:
@@ -182,7 +191,7 @@ def _left_to_come(gains: Sequence[float]) -> float:
     Steps that shrink by a factor r end r / (1 - r) of the last one away; gains shrink by its square. Nothing is
     foretold of a single step, or of one that is not clearly shorter than the one before.
     """
-    if len(gains) < 2 or gains[-1] > 0.25 * gains[-2]:
+    if len(gains) < 2 or gains[-1] > WELL * gains[-2]:
         return gains[-1]
     ratio = float(np.sqrt(gains[-1] / gains[-2]))
     return gains[-1] * (ratio / (1.0 - ratio)) ** 2

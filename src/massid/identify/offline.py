@@ -64,7 +64,8 @@ def identify_offline(
     run = run_offline(replays, search, options.passes, inference.pass_rule(space), prior, tell, stop)
     progress(1.0, "done")
     log_s = sum(log.walk.duration_s for log in logs)
-    trace = [replace(WindowResult.from_iteration(one, log_s), index=k) for k, one in enumerate(run.iterations)]
+    found = [WindowResult.from_iteration(one, space.n_sampled, log_s) for one in run.iterations]
+    trace = [replace(one, index=k) for k, one in enumerate(found)]
     total = reduce(add, run.scores).window_quadratic()
     told, weights = total.symmetric(), total.weights
     information = (told if prior is None else told + prior).shifted(run.estimate)

@@ -226,7 +226,9 @@ class OnlineIdentifier:
         std = self._learning.learn(monitoring, iteration)
         waiting_s = self._buffer.n_steps * self._timestep_s
         time_s = self._earlier_s + (self._last_stamp_ns - (self._first_stamp_ns or 0)) * 1e-9 - waiting_s
-        window = replace(WindowResult.from_iteration(iteration, time_s, std), index=len(self._windows))
+        window = replace(
+            WindowResult.from_iteration(iteration, self.space.n_sampled, time_s, std), index=len(self._windows)
+        )
         self._windows.append(window)
         self._open_window()
         return window

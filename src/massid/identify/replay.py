@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from massid.errors import BadInputError
 from massid.identify.logs import PreparedLog
 from massid.identify.options import IdentifyOptions
 from massid.model.robot import Robot
+from massid.observer.bank import RobotBank
 from massid.observer.blas import single_threaded
 from massid.search.monitoring import Monitoring, MonitoringFilter
 from massid.search.proposal import Proposal, Role
@@ -45,9 +46,9 @@ class WalkReplay:
         walk = self._walk = log.walk
         self._windows = walk.filled_windows(options.dwell_s)
         sensors = log.sensors.suited_to(walk)
-        self._bank = sensors.bank(
-            robot, log.space, walk.contact_bodies, walk.timestep_s, n_models, options.threads, slopes=True
-        )
+        bank = partial(sensors.bank, robot, log.space, walk.contact_bodies, walk.timestep_s)
+        self._bank = bank(n_models, options.threads, slopes=True)
+        self._alone = bank(1, 1)
         self._forgetting_rate = sensors.forgetting_rate
         self._columns = np.arange(len(log.space)) if columns is None else columns
         self._fresh = {segment.start for segment in walk.segments}
@@ -65,10 +66,11 @@ class WalkReplay:
 
     def run(self, proposal: Proposal, in_use: int) -> Iterator[Monitoring]:
         """Score a proposal of all logs' unknowns in the first windows."""
-        own = replace(proposal, points=proposal.points[:, self._columns])
-        self._bank.place(own.points)
+        own = proposal.of(self._columns)
+        bank = self._alone if len(own.points) == 1 else self._bank
+        bank.place(own.points)
         for window in self._windows[:in_use]:
-            yield self._score(window, own).embedded(proposal, self._columns)
+            yield self._score(bank, window, own).embedded(proposal, self._columns)
 
     def score(self, points: FloatArray) -> FloatArray:
         """Mu of models at any points, summed over all windows: what there is to be minimised, for any optimiser.
@@ -88,11 +90,10 @@ class WalkReplay:
         proposal = Proposal(points, (Role.CENTRE, *[Role.CANDIDATE] * (len(points) - 1)))
         with single_threaded():
             self._bank.place(points)
-            scores = [self._score(window, proposal) for window in self._windows]
+            scores = [self._score(self._bank, window, proposal) for window in self._windows]
         return np.asarray(sum(one.mu for one in scores))
 
-    def _score(self, window: Segment, proposal: Proposal) -> Monitoring:
-        bank = self._bank
+    def _score(self, bank: RobotBank, window: Segment, proposal: Proposal) -> Monitoring:
         scores = MonitoringFilter(bank.n_models, bank.timestep_s, self._forgetting_rate)
         anew = not bank.carries_belief or window.start in self._fresh
         for _, errors in bank.replay(self._walk, window, stop=self._end_of[window.start], restart=anew):

@@ -75,10 +75,11 @@ class WindowResult:
     chi2: float = float("nan")
 
     @classmethod
-    def from_iteration(cls, iteration: Iteration, time_s: float, std: FloatArray | None = None) -> WindowResult:
+    def from_iteration(
+        cls, iteration: Iteration, n_asked: int, time_s: float, std: FloatArray | None = None
+    ) -> WindowResult:
         """Keep what is worth keeping of a search iteration: of the points, the parameters that were asked for."""
-        monitoring = iteration.monitoring
-        asked = slice(monitoring.proposal.n_sampled)
+        monitoring, asked = iteration.monitoring, slice(n_asked)
         return cls(
             index=iteration.index,
             time_s=time_s,

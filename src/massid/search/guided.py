@@ -18,7 +18,7 @@ from massid.search.line_search import LineSearch
 from massid.search.model_set import ModelSet
 from massid.search.monitoring import Monitoring
 from massid.search.parameters import ParameterSpace
-from massid.search.proposal import Proposal
+from massid.search.proposal import Proposal, Role
 from massid.search.quadratic import LocalQuadratic
 from massid.search.sampling import Sampling, sample_locally
 from massid.search.scan import choose_scanned, scan_points, scanned_columns
@@ -185,9 +185,20 @@ class GuidedSearch:
         wanted = self.options.candidates + self.options.kept
         return max(0, min(wanted, self._n_models - 1 - 2 * self.space.n_sampled))
 
-    def ask(self) -> Proposal:
-        """Points to simulate in the next window; the same until `tell` is called."""
+    def ask(self, *, alone: bool = False) -> Proposal:
+        """Points to simulate in the next window; the same until `tell` is called.
+
+        Args:
+            alone: nothing but the centre, for banks that supply derivatives by all coordinates themselves and windows
+                whose slope is known from before; as always where the gradient is not the Gram matrix's.
+        """
+        if alone and self._estimator == "gram":
+            return Proposal(self._estimate[None], (Role.CENTRE,), n_tangents=len(self.space))
         return self._models.proposal()
+
+    @property
+    def _estimator(self) -> GradientEstimator:
+        return self.options.gradient or ("gram" if self._direction.second_order else "ransac")
 
     def restarted(self) -> GuidedSearch:
         """A new search from the estimate, for other measurements: candidates and step caps of this one mean nothing."""
@@ -208,9 +219,8 @@ class GuidedSearch:
         if len(self._scanned) and self._windows == 0:
             return self._tell_scan(monitoring)
         quadratic = monitoring.local_quadratic()
-        estimator = options.gradient or ("gram" if self._direction.second_order else "ransac")
-        if estimator != "gram":
-            quadratic = replace(quadratic, gradient=estimate_gradient(monitoring, estimator, self._rng))
+        if self._estimator != "gram":
+            quadratic = replace(quadratic, gradient=estimate_gradient(monitoring, self._estimator, self._rng))
         best = self._models.select_best(monitoring)
         trusted = _is_trusted(quadratic, monitoring, best)
         self._line_search = self._judge_last_step(monitoring.proposal.points[best], trusted)

@@ -84,6 +84,7 @@ class Monitoring:
         samples: number of scalar output errors behind each entry of G.
         prior: what is known besides, in units of mu: beliefs, or the windows before; None for nothing.
         shown: coordinates whose derivatives as the centre shows them are in rows of their own, the last of G.
+        slope: of the gradient, as an earlier pass has shown it nearby; taken where these windows do not show their own.
     """
 
     proposal: Proposal
@@ -92,6 +93,7 @@ class Monitoring:
     samples: int
     prior: LocalQuadratic | None = None
     shown: IntArray | None = None
+    slope: FloatArray | None = None
 
     def __add__(self, other: Monitoring) -> Monitoring:
         """Sum over windows: a model that diverged in one of them is out."""
@@ -102,6 +104,7 @@ class Monitoring:
             samples=self.samples + other.samples,
             prior=self.prior,
             shown=self.shown,
+            slope=None if self.slope is None or other.slope is None else self.slope + other.slope,
         )
 
     def embedded(self, proposal: Proposal, columns: IntArray) -> Monitoring:
@@ -178,7 +181,7 @@ class Monitoring:
         samples = self.proposal.samples[~self.diverged[self.proposal.samples]]
         (n_points, n_p), n_sampled = self.proposal.points.shape, self.proposal.n_sampled
         offsets = self.proposal.points[samples, :n_sampled] - self.proposal.points[centre, :n_sampled]
-        spread = np.sqrt(np.mean(offsets**2, axis=0))
+        spread = np.linalg.norm(offsets, axis=0) / np.sqrt(max(len(offsets), 1))
         spread = np.where(spread > 0.0, spread, 1.0)
         inverse = np.linalg.pinv(offsets / spread) / spread[:, None]
         transform = np.zeros((1 + n_p, len(self.gram)))
@@ -190,9 +193,10 @@ class Monitoring:
         change[:, centre] -= 1.0
         residual = -affine
         residual[np.arange(len(samples)), samples] += 1.0
-        explained, unexplained = (np.einsum("ij,jk,ik->i", rows, self.gram, rows) for rows in (change, residual))
+        squares = (np.einsum("ij,jk,ik->i", rows, self.gram, rows) for rows in (change, residual))
+        explained, unexplained = (float(rows.mean()) if len(rows) else 0.0 for rows in squares)
         n_shown = 0 if self.shown is None else len(self.shown)
-        supplied, slope = len(self.gram) - n_points - n_shown, None
+        supplied, slope = len(self.gram) - n_points - n_shown, self.slope
         if supplied:
             sampled = transform[1 : 1 + n_sampled].copy()
             transform[-supplied:] = 0.0
@@ -209,8 +213,8 @@ class Monitoring:
             value=float(moments[0, 0]),
             gradient=2.0 * moments[1:, 0],
             curvature=2.0 * moments[1:, 1:],
-            explained=float(explained.mean()),
-            misfit=float(max(unexplained.mean(), 0.0)),
+            explained=explained,
+            misfit=max(unexplained, 0.0),
             samples=self.samples,
             slope=slope,
         )

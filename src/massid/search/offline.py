@@ -18,6 +18,9 @@ from massid.search.proposal import Proposal
 from massid.search.quadratic import LocalQuadratic
 from massid.typing import FloatArray
 
+MOST_PARTS = 64
+"""Parts that a long recording's windows are kept in: enough to see how much their scores scatter."""
+
 
 class Replay(Protocol):
     """One recording and the bank that is run through it."""
@@ -34,6 +37,8 @@ class Outlook(enum.Enum):
     """What a pass leaves to be done."""
 
     GO_ON = enum.auto()
+    NEAR = enum.auto()
+    """Go on with the slope that was seen: so near the root that the centre's own score tells the rest."""
     WIDEN = enum.auto()
     """The first windows have taught what they can: look at all of them from now on."""
     SETTLED = enum.auto()
@@ -69,7 +74,7 @@ class OfflineRun:
     Attributes:
         estimate: where the search ended, shape (n_p,).
         iterations: what it made of each pass.
-        scores: of every window in the last pass, without the prior.
+        scores: of the windows in the last pass, without the prior; neighbours together where they are many.
         converged: whether it settled.
         stopped: whether it was stopped from outside.
         rise: by what share mu of the last pass exceeds the lowest of all passes over the whole recordings.
@@ -114,17 +119,24 @@ def run_offline(
     scores: list[Monitoring] = []
     outlook, stopped = Outlook.GO_ON, False
     whole: list[float] = []
+    slopes: list[FloatArray | None] = []
     for index in range(passes):
-        found = _score(replays, search.ask(), in_use, partial(progress, index) if progress else None, stop)
+        proposal = search.ask(alone=bool(slopes))
+        found = _score(replays, proposal, in_use, partial(progress, index) if progress else None, stop)
         if found is None:
             stopped = True
             break
-        scores = found
+        scores = [replace(one, slope=slope) for one, slope in zip(found, slopes, strict=True)] if slopes else found
         iteration = search.tell(replace(reduce(add, scores), prior=prior))
         iterations.append(iteration)
         if in_use >= n_windows:
             whole.append(iteration.mu)
         outlook = rule.judge(iteration, in_use >= n_windows)
+        if outlook is Outlook.NEAR:
+            slopes = slopes or [one.window_quadratic().slope for one in scores]
+            slopes = slopes if all(slope is not None for slope in slopes) else []
+            continue
+        slopes = []
         if outlook is Outlook.WIDEN:
             in_use, search = n_windows, search.restarted()
         elif outlook is not Outlook.GO_ON:
@@ -142,13 +154,24 @@ def _score(
     progress: Callable[[float], None] | None,
     stop: Callable[[], bool] | None,
 ) -> list[Monitoring] | None:
-    """Score a proposal in the first windows of every recording; None if it was stopped."""
-    n_windows, scores = sum(min(replay.n_windows, in_use) for replay in replays), []
+    """Score a proposal in the first windows of every recording; None if it was stopped.
+
+    However long the recordings are, no more than `MOST_PARTS` scores are kept: then neighbours are added up.
+    """
+    n_windows, done, together = sum(min(replay.n_windows, in_use) for replay in replays), 0, 1
+    scores: list[Monitoring] = []
     for one in replays:
         for score in one.run(proposal, in_use):
-            scores.append(score)
+            if done % together == 0:
+                scores.append(score)
+            else:
+                scores[-1] = scores[-1] + score
+            done += 1
+            if len(scores) == MOST_PARTS and done % together == 0:
+                scores = [before + after for before, after in zip(scores[::2], scores[1::2], strict=True)]
+                together *= 2
             if progress is not None:
-                progress(len(scores) / n_windows)
+                progress(done / n_windows)
             if stop is not None and stop():
                 return None
     return scores

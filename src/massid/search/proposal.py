@@ -49,6 +49,10 @@ class Proposal:
         """Coordinates that the samples spread in, the first ones."""
         return int(self.points.shape[1]) - self.n_tangents
 
+    def of(self, columns: IntArray) -> Proposal:
+        """The same points with some of their coordinates, all those that samples spread in among them."""
+        return Proposal(self.points[:, columns], self.roles, len(columns) - self.n_sampled)
+
     @property
     def centre(self) -> int:
         """Row of the centre."""

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import lapack
 
 from massid.typing import FloatArray, IntArray
 
 _BLIND = 1e-14
 """Share of the largest eigenvalue below which one is rounding."""
-_SOUND = 1e-10
-"""Reciprocal condition number above which none is, by far."""
+_SOUND = 1e10
+"""Condition number below which none is, by far."""
 
 
 @dataclass(frozen=True)
@@ -164,11 +163,16 @@ def inverse(information: FloatArray) -> FloatArray:
     """Inverse of a positive semidefinite matrix, in units in which its diagonal is 1; huge where that is blind."""
     scale = np.sqrt(np.diagonal(information))
     scale = np.where(scale > 0.0, scale, 1.0)
-    scaled, units = information / np.outer(scale, scale), np.outer(scale, scale)
-    factor, failed = lapack.dpotrf(scaled, lower=1)
-    if not failed and lapack.dpocon(factor, np.abs(scaled).sum(axis=0).max(), uplo="L")[0] > _SOUND:
-        lower, _ = lapack.dpotri(factor, lower=1)
-        return np.asarray((np.tril(lower) + np.tril(lower, -1).T) / units)
+    units = np.outer(scale, scale)
+    scaled = information / units
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(scaled))
+    except np.linalg.LinAlgError:
+        root = None
+    if root is not None:
+        found = root.T @ root
+        if float(np.linalg.norm(scaled, 1) * np.linalg.norm(found, 1)) < _SOUND:
+            return np.asarray(found / units)
     values, vectors = np.linalg.eigh(scaled)
     floored = np.maximum(values, _BLIND * max(float(values[-1]), np.finfo(float).tiny))
     return np.asarray((vectors / floored) @ vectors.T / units)
