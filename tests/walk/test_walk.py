@@ -42,3 +42,11 @@ def test_nothing_is_not_a_walk(pushed: Pushed) -> None:
     parts = ("stamps_ns", "qpos", "qvel", "effort", "wrench")
     with pytest.raises(LogError, match="there is no sample"):
         replace(pushed.walk, **{name: getattr(pushed.walk, name)[:0] for name in parts}, segments=())
+
+
+def test_a_part_of_a_walk_keeps_what_is_in_use(pushed: Pushed) -> None:
+    walk = replace(pushed.walk, segments=(Segment(0, 100), Segment(120, 300), Segment(400, 500)))
+    part = walk.between(110, 450)
+    assert part.segments == (Segment(10, 190), Segment(290, 340))
+    np.testing.assert_array_equal(part.qvel, walk.qvel[110:450])
+    assert np.shares_memory(part.wrench, walk.wrench)

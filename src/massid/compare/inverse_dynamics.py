@@ -18,7 +18,7 @@ from massid.model.inverse import DiscreteInverseDynamics
 from massid.model.motion import Motion
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import Mass
-from massid.model.unknowns.unknown import Unknown, unknowns_of
+from massid.model.unknowns.unknown import Effect, Unknown, unknowns_of
 from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
 
@@ -65,13 +65,19 @@ class InverseDynamics:
         return np.asarray(unexplained)
 
     def residual_at(self, motion: Motion, point: FloatArray) -> FloatArray:
-        """The same at other values: exactly for bodies and joints, to first order for sensors, shape (n, nv)."""
+        """The same at other values: exactly for bodies, joints and states, to first order for inputs, shape (n, nv)."""
         change = np.where(self._in_model, 0.0, point - self._space.nominal)
         model = self._model_at(np.where(self._in_model, point, self._space.nominal))
-        nominal, applied = self._forces(self._model, motion), self._jacobians(motion)
-        out = self.residual(motion) + self._forces(model, motion) - nominal
+        applied, forces = self._jacobians(motion), self._forces(model, motion)
+        out = self.residual(motion) + forces - self._forces(self._model, motion)
+        error = np.zeros(2 * self._robot.model.nv)
         for column in np.flatnonzero(change):
-            out += change[column] * self._of_sensor(self._unknowns[column], motion, nominal, applied)
+            effect = self._unknowns[column].effect(motion, self._channels)
+            out += change[column] * _of_inputs(effect, applied)
+            if effect.measured is not None:
+                error += change[column] * effect.measured
+        if error.any():
+            out += self._of_states(error, motion, model, forces, applied)
         return np.asarray(out)
 
     def regressor(self, motion: Motion) -> FloatArray:
@@ -92,17 +98,24 @@ class InverseDynamics:
     def _of_sensor(self, unknown: Unknown, motion: Motion, nominal: FloatArray, applied: FloatArray) -> FloatArray:
         """Forces that a sensor leaves unexplained per unit of its error, shape (n, nv)."""
         effect = unknown.effect(motion, self._channels)
-        out = np.zeros_like(nominal)
-        if effect.force is not None:
-            out -= effect.force
-        if effect.wrench is not None:
-            out -= np.einsum("kvw,kw->kv", applied, effect.wrench)
-        if effect.measured is not None:  # the true state is the reading less the error
-            moved = self._moved(motion, -STATE_STEP * effect.measured)
-            change = self._forces(self._model, moved) - nominal
-            change -= np.einsum("kvw,kw->kv", self._jacobians(moved) - applied, motion.wrench)
-            out += change / STATE_STEP
-        return out
+        out = _of_inputs(effect, applied)
+        if effect.measured is not None:
+            small = STATE_STEP * effect.measured
+            out = out + self._of_states(small, motion, self._model, nominal, applied) / STATE_STEP
+        return np.asarray(out)
+
+    def _of_states(
+        self,
+        error: FloatArray,
+        motion: Motion,
+        model: DiscreteInverseDynamics,
+        forces: FloatArray,
+        applied: FloatArray,
+    ) -> FloatArray:
+        """Forces that an error of the readings of states, shape (2 nv,), leaves unexplained, shape (n, nv)."""
+        true = self._moved(motion, -error)
+        change = self._forces(model, true) - forces
+        return np.asarray(change - np.einsum("kvw,kw->kv", self._jacobians(true) - applied, motion.wrench))
 
     def _moved(self, motion: Motion, change: FloatArray) -> Motion:
         """The motion with every state moved along a tangent vector, shape (2 nv,)."""
@@ -124,3 +137,13 @@ class InverseDynamics:
         """Generalised force per unit of each wrench reading, shape (n, nv, 6 n_contacts)."""
         jacobian = self._model.jacobian(motion.position)
         return np.asarray(jacobian.reshape(len(motion), -1, jacobian.shape[-1]).transpose(0, 2, 1))
+
+
+def _of_inputs(effect: Effect, applied: FloatArray) -> FloatArray:
+    """Forces that an error of torques and wrenches leaves unexplained, shape (n, nv), or 0."""
+    out: FloatArray = np.zeros(())
+    if effect.force is not None:
+        out = out - effect.force
+    if effect.wrench is not None:
+        out = out - np.einsum("kvw,kw->kv", applied, effect.wrench)
+    return out

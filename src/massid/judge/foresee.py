@@ -154,20 +154,30 @@ def _information(log: PreparedLog, robot: Robot, smoothing_s: float, progress: C
     stretches = _pick(walk, round(_LEAD_S / walk.timestep_s))
     if not stretches:
         raise LogError(f"{walk.source}: {walk.duration_s:.3g} s of samples are too few to judge what they reveal.")
-    if smoothing_s > 0.0:
-        rows = np.concatenate([np.arange(stretch.start, stretch.stop - 1) for stretch, _ in stretches])
-        walk = balanced(smoothed(walk, smoothing_s), bank.robot, np.unique(rows))
     information = np.zeros((len(bank.space), len(bank.space)))
     counted = 0
     for k, (stretch, skipped) in enumerate(stretches):
-        for part, errors in bank.replay(walk, stretch):
-            if errors.tangents is None or part.start < stretch.start + skipped:
+        part, own = _smoothed(walk, stretch, bank.robot, smoothing_s)
+        for steps, errors in bank.replay(part, own):
+            if errors.tangents is None or steps.start < own.start + skipped:
                 continue
             flat = errors.tangents.reshape(len(errors.tangents), -1)
             information += bank.timestep_s * (flat @ flat.T)
-            counted += len(part) - 1
+            counted += len(steps) - 1
         progress((k + 1) / len(stretches))
     return information * (walk.duration_s / (counted * walk.timestep_s))
+
+
+def _smoothed(walk: Walk, stretch: Segment, robot: Robot, width_s: float) -> tuple[Walk, Segment]:
+    """A stretch and as much around it as its averages take, smoothed and balanced; and where it is in that."""
+    if width_s == 0.0:
+        return walk, stretch
+    margin = round(width_s / walk.timestep_s)
+    segment = next(one for one in walk.segments if one.start <= stretch.start < one.stop)
+    start, stop = max(segment.start, stretch.start - margin), min(segment.stop, stretch.stop + margin)
+    own = Segment(stretch.start - start, stretch.stop - start)
+    part = smoothed(walk.between(start, stop), width_s)
+    return balanced(part, robot, np.arange(own.start, own.stop - 1)), own
 
 
 def _pick(walk: Walk, lead: int) -> list[tuple[Segment, int]]:

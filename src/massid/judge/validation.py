@@ -29,6 +29,8 @@ from massid.walk.noise import SensorNoise
 
 SHORTEST_HELD_OUT_S = 1.0
 """A held-out part that would be shorter is not held out."""
+LONGEST_CHECK_S = 60.0
+"""Torques of a longer held-out part are compared over its first minute."""
 _TAPER_S = 0.3
 _PIECE = 2000
 """Samples that are looked at together: what they take of memory is the same for any log."""
@@ -94,6 +96,9 @@ def predict_torques(result: Result, walk: Walk, robot: Robot) -> TorquePredictio
     space, point = result.unknowns()
     dynamics = InverseDynamics(robot, space, walk.contact_bodies, walk.timestep_s)
     dof = robot.layout.joint_dof
+    first = walk.segments[0].start
+    start_s = walk.time_s[first]
+    walk = walk.between(first, _end_of_check(walk))
 
     def low_passed(torques: FloatArray) -> FloatArray:
         return smooth_motion(replace(walk, effort=torques), robot.layout, CUTOFF_HZ).effort[:, dof]
@@ -102,18 +107,29 @@ def predict_torques(result: Result, walk: Walk, robot: Robot) -> TorquePredictio
     for segment in walk.segments:
         for start in range(segment.start, segment.stop - 1, _PIECE):
             piece = Segment(start, min(start + _PIECE + 1, segment.stop))  # the last sample ends the last step
-            motion = smooth_motion(replace(walk, segments=(piece,)), robot.layout, None)
+            motion = smooth_motion(walk.between(piece.start, piece.stop), robot.layout, None)
             rows = slice(piece.start, piece.stop - 1)
             before[rows] = dynamics.residual(motion)[:, dof]
             after[rows] = dynamics.residual_at(motion, point)[:, dof]
+    # The instants that the low-pass keeps are found by passing the clock through it.
+    clock = np.repeat(walk.time_s[:, None], walk.effort.shape[1], axis=1)
     return TorquePrediction(
         joints=robot.joint_names,
-        # The instants that the low-pass keeps, found by passing the clock through it.
-        time_s=low_passed(np.repeat(walk.time_s[:, None], walk.effort.shape[1], axis=1))[:, 0],
+        time_s=start_s + low_passed(clock)[:, 0],
         measured=low_passed(walk.effort),
         nominal=low_passed(walk.effort + before),
         identified=low_passed(walk.effort + after),
     )
+
+
+def _end_of_check(walk: Walk) -> int:
+    """Sample before which a walk has as much in use as is looked at."""
+    left = round(LONGEST_CHECK_S / walk.timestep_s)
+    for segment in walk.segments:
+        if len(segment) >= left:
+            return segment.start + left
+        left -= len(segment)
+    return walk.segments[-1].stop
 
 
 def check_total(result: Result, walk: Walk, robot: Robot) -> WeightCheck | None:

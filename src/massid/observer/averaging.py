@@ -39,10 +39,11 @@ def suitable_reach_s(walk: Walk, noise: SensorNoise) -> float:
     segments = [segment for segment in walk.segments if len(segment) > 2 * margin + 1]
     if not segments:
         return REACH_S
-    differences = [
-        np.concatenate([_differences(velocity, segment, spans, margin) for segment in segments]) for spans in trials
-    ]
-    errors = [float(np.mean(found**2)) for found in differences]
+    errors = np.zeros(len(trials))
+    for segment in segments:
+        for k, spans in enumerate(trials):
+            errors[k] += float(np.sum(_differences(velocity, segment, spans, margin) ** 2))
+    errors /= velocity.shape[1] * sum(len(segment) - 2 * margin for segment in segments)
     best = int(np.argmin(errors))
     return REACHES_S[best] if errors[best] < EXPLAINED else REACH_S
 

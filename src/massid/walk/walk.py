@@ -186,6 +186,20 @@ class Walk:
             )
         return windows
 
+    def between(self, start: int, stop: int) -> Walk:
+        """Samples start .. stop - 1, some of which are in use, as a walk of its own that shares their memory."""
+        rows = slice(start, stop)
+        clipped = ((max(one.start, start) - start, min(one.stop, stop) - start) for one in self.segments)
+        return replace(
+            self,
+            stamps_ns=self.stamps_ns[rows],
+            qpos=self.qpos[rows],
+            qvel=self.qvel[rows],
+            effort=self.effort[rows],
+            wrench=self.wrench[rows],
+            segments=tuple(Segment(first, last) for first, last in clipped if first < last),
+        )
+
     def with_joint_order(self, joint_names: tuple[str, ...]) -> Walk:
         """Return the walk with its joint columns in the given order; joints not named are dropped.
 
