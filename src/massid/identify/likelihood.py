@@ -41,6 +41,8 @@ FIRST_WINDOWS = 4
 NEAR = 0.1
 """A step by less than this share of every mass asked for ends so near the root that the slope seen there serves again:
 derivatives change by about as much, and as much of the distance is left after a further step."""
+NEAR_ENOUGH = 0.3
+"""Root mean square of the last step, in standard deviations, below which a search that ended otherwise has settled."""
 LARGEST_RISE = 0.01
 """A search whose last pass explains the log worse than an earlier one by more than this share runs away. Where it comes
 to rest, the share is 0.002 and less: innovations of models that are off do not quite meet at the lowest mu."""
@@ -94,7 +96,7 @@ class LikelihoodInference:
         return posterior(space, quadratic, inflation=inflation).std[: space.n_sampled]
 
     def assess(self, findings: Findings, trace: Sequence[WindowResult], timestep_s: float, settled: bool) -> Assessment:
-        """Deviations from curvature and scores; an estimate that moves within its own uncertainty has settled.
+        """Deviations from curvature and scores; an estimate that moves well within its own uncertainty has settled.
 
         Not so if passes have made it worse: many small steps in one direction lead anywhere.
         """
@@ -102,12 +104,14 @@ class LikelihoodInference:
         space = ParameterSpace(findings.space.parameters[:asked])
         uncertainty = self._uncertainty(findings)
         step = trace[-1].newton_step
-        settled = settled or float(step @ np.linalg.solve(uncertainty.covariance, step)) <= len(space)
+        distance = float(np.sqrt(step @ np.linalg.solve(uncertainty.covariance, step) / len(space)))
+        settled = settled or distance < NEAR_ENOUGH
+        warnings = _scatter(uncertainty, settled) + _runaway(uncertainty, findings.rise)
+        if not settled:
+            uncertainty = replace(uncertainty, covariance=uncertainty.covariance + np.outer(step, step))
+            warnings += _restless(space, step, distance)
         return Assessment(
-            from_deviations(space, uncertainty.std),
-            uncertainty,
-            settled and findings.rise < LARGEST_RISE,
-            _scatter(uncertainty, settled) + _runaway(uncertainty, findings.rise),
+            from_deviations(space, uncertainty.std), uncertainty, settled and findings.rise < LARGEST_RISE, warnings
         )
 
     def _uncertainty(self, findings: Findings) -> Uncertainty:
@@ -135,6 +139,16 @@ def _scatter(uncertainty: Uncertainty, settled: bool) -> tuple[str, ...]:
         f"{'' if settled else 'the search has not come to rest, '}"
         "the model is off (friction, centres of mass, inertias), or the noise is not what it is taken for. The "
         "intervals were widened for it, but a bias that all windows share is not in them.",
+    )
+
+
+def _restless(space: ParameterSpace, step: FloatArray, distance: float) -> tuple[str, ...]:
+    """Say how far the search still was from where it was going."""
+    worst = int(np.argmax(np.abs(step) / space.scale))
+    return (
+        f"the search has not come to rest: its last step still goes {distance:.2g} standard deviations on (root mean "
+        f"square; {space.names[worst]} by {step[worst]:+.2g}). The intervals were widened by it. More `passes` go on, "
+        "unless they ended because they no longer gained anything; then the log reveals too little of what was asked.",
     )
 
 

@@ -22,6 +22,7 @@ from massid.search.proposal import Proposal, Role
 from massid.search.quadratic import LocalQuadratic
 from massid.search.sampling import Sampling, sample_locally
 from massid.search.scan import choose_scanned, scan_points, scanned_columns
+from massid.search.secant import Step, mixed
 from massid.typing import FloatArray
 
 LARGEST_MISS = 0.1
@@ -163,6 +164,7 @@ class GuidedSearch:
         self._reach = 0.0  # of the last step, as a multiple of the scales
         self._from: FloatArray | None = None  # where it began
         self._stepped = False  # whether the last window ended with a step
+        self._proposed: Step | None = None  # what the direction said last
         self._scanned = scanned_columns(space, self.options.scan)
         if len(self._scanned):
             self._fill_scan(starts)
@@ -209,8 +211,12 @@ class GuidedSearch:
         options = replace(self.options, radius=max(self._radius, self.options.smallest_radius), scan=())
         return GuidedSearch(space, self._n_models, options, self._rng, [estimate])
 
-    def tell(self, monitoring: Monitoring) -> Iteration:
+    def tell(self, monitoring: Monitoring, *, again: bool = False) -> Iteration:
         """Learn from one window: select the best model, step, fill the model set anew.
+
+        Args:
+            monitoring: what the models asked for have scored.
+            again: whether it is of the same measurements as in the last call, so that steps can be compared.
 
         Raises:
             DivergedBankError: too few models stayed finite.
@@ -234,6 +240,10 @@ class GuidedSearch:
                     f"Direction {direction_name(self.options.direction)} gave a step of shape {step.shape} that is "
                     f"{step}; expected {quadratic.centre.shape} finite numbers."
                 )
+            proposed = Step(quadratic.centre, step)
+            if again and self._proposed is not None and self._direction.second_order:
+                step = mixed(self._proposed, proposed, quadratic)
+            self._proposed = proposed
             step = self._line_search.limit(quadratic.centre, step, self.space)
         self._from, self._stepped = quadratic.centre, trusted
         iteration = self._update(monitoring, best, quadratic, quadratic.centre + step, newton_step)

@@ -127,7 +127,7 @@ def run_offline(
             stopped = True
             break
         scores = [replace(one, slope=slope) for one, slope in zip(found, slopes, strict=True)] if slopes else found
-        iteration = search.tell(replace(reduce(add, scores), prior=prior))
+        iteration = search.tell(replace(reduce(add, scores), prior=prior), again=bool(iterations))
         iterations.append(iteration)
         if in_use >= n_windows:
             whole.append(iteration.mu)
