@@ -34,6 +34,8 @@ NAMED = (
     "wrench_offset/l_foot/2",
     "wrench_offset/r_foot/4",
     "wrench_gain/r_foot/2",
+    "effort_scale/all",
+    "wrench_scale/all",
 )
 """Names of unknowns that can be asked for."""
 LAGS = (EffortLag(**nuisance(5e-4)), WrenchLag(**nuisance(5e-4)))

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from massid.score import Score, Truth
     from massid.weighing import Weighing
 
-EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVERGED: 4}
+EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVERGED: 4, Status.CONTRADICTED: 5}
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,8 @@ def conclude(
     found = inference.assess(findings, trace, log.timestep_s, settled)
     identifiable = whole_shapes(space, found.excitation.identifiable)
     status = Status.CONVERGED if found.settled else Status.NOT_CONVERGED
+    if found.settled and found.contradicted:
+        status = Status.CONTRADICTED
     if not identifiable.all():
         status = Status.NOT_IDENTIFIABLE
     covariance = None if found.uncertainty is None else found.uncertainty.covariance

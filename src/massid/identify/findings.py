@@ -46,12 +46,14 @@ class Assessment:
         uncertainty: what noise leaves open; None for readings without error.
         settled: whether the search has come to rest.
         warnings: what speaks against the findings, one line each.
+        contradicted: whether that is so much that they must not be relied on, however well the search has settled.
     """
 
     excitation: Excitation
     uncertainty: Uncertainty | None
     settled: bool
     warnings: tuple[str, ...]
+    contradicted: bool = False
 
 
 class Learning(Protocol):

@@ -10,6 +10,7 @@ import numpy as np
 
 from massid.errors import BadInputError
 from massid.identify.findings import Assessment, Findings
+from massid.identify.hypotheses import Hypothesis, hypotheses
 from massid.identify.logs import hand_over
 from massid.identify.options import IdentifyOptions
 from massid.identify.sensing import with_nuisances
@@ -41,6 +42,8 @@ FIRST_WINDOWS = 4
 NEAR = 0.1
 """A step by less than this share of every mass asked for ends so near the root that the slope seen there serves again:
 derivatives change by about as much, and as much of the distance is left after a further step."""
+ALTERNATIVES = 3
+"""Further errors that might explain a log are named up to so many."""
 NEAR_ENOUGH = 0.3
 """Root mean square of the last step, in standard deviations, below which a search that ended otherwise has settled."""
 LARGEST_RISE = 0.01
@@ -102,23 +105,31 @@ class LikelihoodInference:
         """
         asked = findings.space.n_sampled
         space = ParameterSpace(findings.space.parameters[:asked])
-        uncertainty = self._uncertainty(findings)
+        uncertainty, covariance = self._uncertainty(findings)
         step = trace[-1].newton_step
         distance = float(np.sqrt(step @ np.linalg.solve(uncertainty.covariance, step) / len(space)))
         settled = settled or distance < NEAR_ENOUGH
-        warnings = _scatter(uncertainty, settled) + _runaway(uncertainty, findings.rise)
+        guesses = hypotheses(findings.space, findings.estimate, covariance, uncertainty.inflation)
+        warnings = (
+            _scatter(uncertainty, settled) + _runaway(uncertainty, findings.rise) + _denied(findings.space, guesses)
+        )
         if not settled:
             uncertainty = replace(uncertainty, covariance=uncertainty.covariance + np.outer(step, step))
             warnings += _restless(space, step, distance)
         return Assessment(
-            from_deviations(space, uncertainty.std), uncertainty, settled and findings.rise < LARGEST_RISE, warnings
+            from_deviations(space, uncertainty.std),
+            uncertainty,
+            settled and findings.rise < LARGEST_RISE,
+            warnings,
+            contradicted=bool(guesses) or uncertainty.inflation >= LARGEST_INFLATION,
         )
 
-    def _uncertainty(self, findings: Findings) -> Uncertainty:
+    def _uncertainty(self, findings: Findings) -> tuple[Uncertainty, FloatArray]:
+        """Of what was asked for; and the covariance of everything, not inflated."""
         asked = findings.space.n_sampled
         found = posterior(findings.space, findings.information, findings.windows, findings.inflation)
         masses = adds_mass(findings.space)
-        return Uncertainty(
+        uncertainty = Uncertainty(
             noise=self._noise,
             covariance=found.covariance[:asked, :asked],
             inflation=found.inflation,
@@ -128,6 +139,7 @@ class LikelihoodInference:
             nuisance_estimate=findings.estimate[asked:],
             nuisance_std=found.std[asked:],
         )
+        return uncertainty, found.covariance / found.inflation
 
 
 def _scatter(uncertainty: Uncertainty, settled: bool) -> tuple[str, ...]:
@@ -140,6 +152,14 @@ def _scatter(uncertainty: Uncertainty, settled: bool) -> tuple[str, ...]:
         "the model is off (friction, centres of mass, inertias), or the noise is not what it is taken for. The "
         "intervals were widened for it, but a bias that all windows share is not in them.",
     )
+
+
+def _denied(space: ParameterSpace, guesses: Sequence[Hypothesis]) -> tuple[str, ...]:
+    """Say what the log asks for that was believed to be impossible: the surest, and what else would do."""
+    if not guesses:
+        return ()
+    others = ", ".join(one.name for one in guesses[1 : 1 + ALTERNATIVES])
+    return (guesses[0].text(space) + (f" Less likely: {others}." if others else ""),)
 
 
 def _restless(space: ParameterSpace, step: FloatArray, distance: float) -> tuple[str, ...]:

@@ -41,6 +41,8 @@ class Status(enum.StrEnum):
     CONVERGED = "converged"
     NOT_CONVERGED = "not converged"
     NOT_IDENTIFIABLE = "not identifiable"
+    CONTRADICTED = "contradicted"
+    """The search has come to rest, but what the log says besides denies what it found."""
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,8 @@ class Result:
 
     def stopped_early(self) -> Result:
         """The same, found by a search that was stopped from outside: it has not converged, whatever its last step."""
-        status = Status.NOT_CONVERGED if self.status is Status.CONVERGED else self.status
+        settled = self.status in (Status.CONVERGED, Status.CONTRADICTED)
+        status = Status.NOT_CONVERGED if settled else self.status
         return replace(self, stopped=True, status=status)
 
     def save_model(self, path: Path) -> None:
@@ -191,8 +194,10 @@ class Result:
         return f"{', '.join(self.hidden)}: not identifiable, the model file's value kept" if self.hidden else ""
 
     def checked(self, validation: Validation) -> Result:
-        """The result with the checks against its log, and their warnings."""
-        return replace(self, validation=validation, warnings=self.warnings + validation.warnings())
+        """The result with the checks against its log, and their warnings; no longer converged if they deny it."""
+        denied = validation.warnings()
+        status = Status.CONTRADICTED if denied and self.status is Status.CONVERGED else self.status
+        return replace(self, validation=validation, warnings=self.warnings + denied, status=status)
 
     def unknowns(self) -> tuple[ParameterSpace, FloatArray]:
         """Everything that was estimated for the first log, nuisances included, and its values, shape (n,).

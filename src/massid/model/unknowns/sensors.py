@@ -14,7 +14,7 @@ import numpy as np
 from massid.errors import BadInputError, ModelError, unknown_name
 from massid.model.layout import Channels
 from massid.model.motion import Motion
-from massid.model.unknowns.unknown import NUISANCE_REACH, Effect, Unknown
+from massid.model.unknowns.unknown import ALL, NUISANCE_REACH, Effect, Unknown
 from massid.typing import FloatArray
 from massid.walk.noise import PRESETS
 
@@ -27,6 +27,8 @@ ORDINARY = PRESETS["realistic"]
 WRENCH_AXES = ("force x", "force y", "force z", "moment x", "moment y", "moment z")
 FORCE_AXES = 3
 """Axes of a contact sensor that come before its moments."""
+TYPICAL_SCALE = 0.1
+"""A typical error that sensors share: a torque constant off by a tenth."""
 LEVER_M = 0.1
 """A typical error of a moment is that of a force with this lever."""
 
@@ -202,3 +204,54 @@ class WrenchGain(ContactSensorError):
     def effect(self, motion: Motion, channels: Channels) -> Effect:
         """The load, once less."""
         return Effect.on_axis(channels, self.body, self.axis, -motion.wrench[:, channels.axis(self.body, self.axis)])
+
+
+@dataclass(frozen=True)
+class SensorScale(Unknown):
+    """Relative error that all sensors of a kind share, as of a torque constant or a calibration in common."""
+
+    per_walk = True
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> Sequence[SensorScale]:
+        """Of all of them.
+
+        Raises:
+            BadInputError: another target.
+        """
+        if target != ALL:
+            raise BadInputError(f"{cls.kind}/{target}: there is one for all sensors, `{cls.kind}/{ALL}`.")
+        reach = NUISANCE_REACH * TYPICAL_SCALE
+        return (cls(nominal=0.0, lower=-reach, upper=reach, scale=TYPICAL_SCALE),)
+
+
+@dataclass(frozen=True)
+class EffortScale(SensorScale):
+    """Relative error of all torque sensors alike."""
+
+    kind = "effort_scale"
+    title = "scale of the torques"
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """As an error of every torque sensor."""
+        draft.sensors.effort_gain[:] += values[:, None]
+
+    def effect(self, motion: Motion, channels: Channels) -> Effect:
+        """All torques, once less."""
+        return Effect(force=-motion.effort)
+
+
+@dataclass(frozen=True)
+class WrenchScale(SensorScale):
+    """Relative error of all contact sensors alike."""
+
+    kind = "wrench_scale"
+    title = "scale of the wrenches"
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """As an error of every contact sensor."""
+        draft.sensors.wrench_gain[:] += values[:, None]
+
+    def effect(self, motion: Motion, channels: Channels) -> Effect:
+        """All loads, once less."""
+        return Effect(wrench=-motion.wrench)
