@@ -269,3 +269,12 @@ def test_a_search_that_is_stopped_on_its_way_says_how_far_it_had_to_go(pushed: P
     assert any("has not come to rest" in line for line in short.warnings)
     assert short.uncertainty is not None
     assert np.all(np.abs(short.estimate - pushed.truth) < 3.0 * short.uncertainty.std)
+
+
+def test_threads_do_not_matter_to_the_bit(pushed: Pushed) -> None:
+    walk = _measured(pushed)
+    one, two = (weigh_offline(walk, pushed.robot, pushed.space, replace(WHITE, passes=2, threads=n)) for n in (1, 2))
+    np.testing.assert_array_equal(one.estimate, two.estimate)
+    assert one.uncertainty is not None
+    assert two.uncertainty is not None
+    np.testing.assert_array_equal(one.uncertainty.covariance, two.uncertainty.covariance)
