@@ -136,20 +136,30 @@ class Morphology:
 
 
 def torque_limits(model: mujoco.MjModel) -> FloatArray:
-    """Largest torque of each joint dof [N m or N], shape (nv - 6,): the smaller of control and force range."""
+    """Largest torque of each joint dof [N m or N], shape (nv - 6,): the smallest of control, force and joint range.
+
+    The control of a servo is no torque, so its range does not count.
+    """
     limits = np.zeros(model.nv)
     for actuator in range(model.nu):
         if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             continue
-        dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
-        gain = abs(model.actuator_gainprm[actuator, 0])
+        joint = model.actuator_trnid[actuator, 0]
+        gain, gear = abs(model.actuator_gainprm[actuator, 0]), abs(model.actuator_gear[actuator, 0])
         ranges = [np.inf]
-        if model.actuator_ctrllimited[actuator]:
-            ranges.append(gain * float(np.min(np.abs(model.actuator_ctrlrange[actuator]))))
+        if model.actuator_ctrllimited[actuator] and not is_servo(model, actuator):
+            ranges.append(gear * gain * float(np.min(np.abs(model.actuator_ctrlrange[actuator]))))
         if model.actuator_forcelimited[actuator]:
-            ranges.append(float(np.min(np.abs(model.actuator_forcerange[actuator]))))
-        limits[dof] = abs(model.actuator_gear[actuator, 0]) * min(ranges)
+            ranges.append(gear * float(np.min(np.abs(model.actuator_forcerange[actuator]))))
+        if model.jnt_actfrclimited[joint]:
+            ranges.append(float(np.min(np.abs(model.jnt_actfrcrange[joint]))))
+        limits[model.jnt_dofadr[joint]] = min(ranges)
     return limits[6:]
+
+
+def is_servo(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator holds a position or a velocity: its force depends on the joint's state."""
+    return int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
 
 
 def natural_frequency(com_height_m: float) -> float:
@@ -176,8 +186,11 @@ def _named(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def _colliding_geoms(model: mujoco.MjModel, body: int) -> list[int]:
-    first, count = model.body_geomadr[body], model.body_geomnum[body]
-    return [g for g in range(first, first + count) if model.geom_contype[g] or model.geom_conaffinity[g]]
+    """Geoms that can touch, of a body and of those that are welded to it, such as a toe to its foot."""
+    colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    welded = model.body_weldid[model.geom_bodyid] == model.body_weldid[body]
+    found: list[int] = np.flatnonzero(colliding & welded).tolist()
+    return found
 
 
 def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> FloatArray:
@@ -196,6 +209,8 @@ def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> FloatArra
 def _guess_feet(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[int, int]:
     lowest = {}
     for body in range(1, model.nbody):
+        if model.body_weldid[body] != body:
+            continue
         geoms = _colliding_geoms(model, body)
         if geoms:
             points = np.concatenate([_corners(model, data, geom) for geom in geoms])
