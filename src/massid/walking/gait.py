@@ -95,8 +95,19 @@ _RANDOM = Gait(
     random_duration=0.12,
     random_apex_m=0.05,
 ).excited()
+_STAMP = replace(
+    _RANDOM,
+    name="stamp",
+    description="random steps, short and quick, that come down hard",
+    random_apex_m=0.03,
+    apex_m=0.08,
+    landing_m_s=0.9,
+    single_support_s=0.42,
+    double_support_s=0.04,
+    first_shift_s=0.9,
+)
 
-GAITS: dict[str, Gait] = {g.name: g for g in (_RANDOM, _STRAIGHT, _BACKWARD, _TURN, _SIDEWAYS, _STAND)}
+GAITS: dict[str, Gait] = {g.name: g for g in (_RANDOM, _STRAIGHT, _BACKWARD, _TURN, _SIDEWAYS, _STAMP, _STAND)}
 """Gaits by name; the first is the default."""
 
 DEFAULT_GAIT = "random"

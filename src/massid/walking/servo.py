@@ -1,7 +1,7 @@
 """Walking by position servos, as commercial humanoids do: a slow policy sets targets, stiff joints chase them.
 
-The policy is the torque walker, asked a few dozen times a second. What it wants of a joint becomes a target that is held
-until it is asked again; the servo of the joint turns it into a torque at every call,
+The policy is the torque walker, asked a few dozen times a second. What it wants of a joint becomes a target that is
+held until it is asked again; the servo of the joint turns it into a torque at every call,
 
     tau = k (target - q) - d qd,    cut off at the joint's limit.
 
@@ -11,6 +11,7 @@ target: they chatter, as those of a robot do that a learned policy walks.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import mujoco
@@ -36,32 +37,47 @@ class Servos:
     damping: FloatArray
 
     @classmethod
-    def from_model(cls, model: mujoco.MjModel) -> Servos:
+    def from_model(cls, model: mujoco.MjModel, joint_names: Sequence[str]) -> Servos:
         """Read the servos from a model's `position` actuators.
 
+        Args:
+            model: as its file drives it.
+            joint_names: joints in the order that is wanted.
+
         Raises:
-            ModelError: a joint is driven by anything else; names it.
+            ModelError: one of the joints is driven by anything else, or none is driven.
         """
-        stiffness, damping = np.zeros(model.nv), np.zeros(model.nv)
-        for actuator in range(model.nu):
-            joint = int(model.actuator_trnid[actuator, 0])
-            gain, (_, bias, rate) = model.actuator_gainprm[actuator, 0], model.actuator_biasprm[actuator, :3]
-            if not has_position_servo(model, actuator):
+        stiffness, damping = np.zeros(len(joint_names)), np.zeros(len(joint_names))
+        for actuator in _actuators_of(model, joint_names):
+            if not _is_position_servo(model, actuator):
                 raise ModelError(
-                    f"Actuator '{model.actuator(actuator).name}' is no position servo of a joint, so the robot cannot be"
-                    " walked by servos. A `position` actuator has stiffness kp > 0."
+                    f"Actuator '{model.actuator(actuator).name}' of the model is no position servo (a `position`"
+                    " actuator with kp above zero), so targets cannot move the robot; torques can."
                 )
-            gear = float(model.actuator_gear[actuator, 0])
-            dof = model.jnt_dofadr[joint]
-            stiffness[dof], damping[dof] = gear * gear * gain, -gear * gear * rate
-        return cls(stiffness[6:], damping[6:])
+            k = joint_names.index(model.joint(int(model.actuator_trnid[actuator, 0])).name)
+            squared = float(model.actuator_gear[actuator, 0]) ** 2
+            stiffness[k] = squared * model.actuator_gainprm[actuator, 0]
+            damping[k] = -squared * model.actuator_biasprm[actuator, 2]
+        if not stiffness.any():
+            raise ModelError("No joint of the model has a position servo, so targets cannot move the robot.")
+        return cls(stiffness, damping)
 
 
-def has_position_servo(model: mujoco.MjModel, actuator: int) -> bool:
-    """Whether an actuator is a position servo of a joint: its force falls by what its control gains, per radian."""
+def driven_by_servos(model: mujoco.MjModel, joint_names: Sequence[str]) -> bool:
+    """Whether a model's file drives some of the joints, and those by position servos alone."""
+    actuators = _actuators_of(model, joint_names)
+    return bool(actuators) and all(_is_position_servo(model, actuator) for actuator in actuators)
+
+
+def _actuators_of(model: mujoco.MjModel, joint_names: Sequence[str]) -> list[int]:
+    on_joint = np.flatnonzero(model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)).tolist()
+    return [a for a in on_joint if model.joint(int(model.actuator_trnid[a, 0])).name in joint_names]
+
+
+def _is_position_servo(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether the actuator's force falls by as much per radian of the joint as it rises per unit of control."""
     gain, bias = float(model.actuator_gainprm[actuator, 0]), float(model.actuator_biasprm[actuator, 1])
-    on_joint = int(model.actuator_trntype[actuator]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-    return on_joint and is_servo(model, actuator) and gain > 0.0 and bias == -gain
+    return is_servo(model, actuator) and gain > 0.0 and bias == -gain
 
 
 @dataclass(frozen=True)
