@@ -138,7 +138,7 @@ class Morphology:
 def torque_limits(model: mujoco.MjModel) -> FloatArray:
     """Largest torque of each joint dof [N m or N], shape (nv - 6,): the smallest of control, force and joint range.
 
-    The control of a servo is no torque, so its range does not count.
+    The control of a servo is no torque: its range, times its gain, counts only where there is no other limit.
     """
     limits = np.zeros(model.nv)
     for actuator in range(model.nu):
@@ -146,14 +146,14 @@ def torque_limits(model: mujoco.MjModel) -> FloatArray:
             continue
         joint = model.actuator_trnid[actuator, 0]
         gain, gear = abs(model.actuator_gainprm[actuator, 0]), abs(model.actuator_gear[actuator, 0])
-        ranges = [np.inf]
-        if model.actuator_ctrllimited[actuator] and not is_servo(model, actuator):
-            ranges.append(gear * gain * float(np.min(np.abs(model.actuator_ctrlrange[actuator]))))
+        ranges = []
         if model.actuator_forcelimited[actuator]:
             ranges.append(gear * float(np.min(np.abs(model.actuator_forcerange[actuator]))))
         if model.jnt_actfrclimited[joint]:
             ranges.append(float(np.min(np.abs(model.jnt_actfrcrange[joint]))))
-        limits[model.jnt_dofadr[joint]] = min(ranges)
+        if model.actuator_ctrllimited[actuator] and not (ranges and is_servo(model, actuator)):
+            ranges.append(gear * gain * float(np.min(np.abs(model.actuator_ctrlrange[actuator]))))
+        limits[model.jnt_dofadr[joint]] = min(ranges, default=np.inf)
     return limits[6:]
 
 
@@ -194,10 +194,13 @@ def _colliding_geoms(model: mujoco.MjModel, body: int) -> list[int]:
 
 
 def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> FloatArray:
-    """World positions of points that bound the geom, shape (n, 3)."""
+    """World positions of points that bound the geom, of round ones those below their centres, shape (n, 3)."""
     points: FloatArray
-    if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_SPHERE):
-        points = data.geom_xpos[geom] - np.array([[0.0, 0.0, model.geom_size[geom, 0]]])
+    kind, radius_m = int(model.geom_type[geom]), model.geom_size[geom, 0]
+    if kind in (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)):
+        half_m = model.geom_size[geom, 1] if kind == int(mujoco.mjtGeom.mjGEOM_CAPSULE) else 0.0
+        axis = data.geom_xmat[geom].reshape(3, 3)[:, 2]
+        points = data.geom_xpos[geom] + np.outer([-half_m, half_m], axis) - np.array([0.0, 0.0, radius_m])
         return points
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     local = model.geom_aabb[geom, :3] + signs * model.geom_aabb[geom, 3:]
