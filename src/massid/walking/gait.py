@@ -101,9 +101,9 @@ _STAMP = replace(
     description="random steps, short and quick, that come down hard",
     random_apex_m=0.03,
     apex_m=0.08,
-    landing_m_s=0.9,
-    single_support_s=0.42,
-    double_support_s=0.04,
+    landing_m_s=1.0,
+    single_support_s=0.38,
+    double_support_s=0.03,
     first_shift_s=0.9,
 )
 
