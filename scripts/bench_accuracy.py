@@ -28,7 +28,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from accuracy.case import Case, Fault, Friction, Ledger, Method, Part
+from accuracy.case import Case, Fault, Friction, Ledger, Method, Part, own_gait
 from accuracy.methods import measure
 from accuracy.sysid import load_sysid
 from accuracy.tables import (
@@ -61,11 +61,11 @@ class Bench:
     logs: Path = Path("bench_accuracy_logs")
     """Folder of the walks without noise."""
     robots: tuple[str, ...] = ("atlas", "light", "heavy")
-    """Shipped robots."""
+    """Shipped robots; nimble and geared are walked by position servos and stamp."""
     presets: tuple[NoisePreset, ...] = ("white", "realistic")
     """Sensor noise."""
     friction: tuple[Friction, ...] = ("none", "0.1", "5%")
-    """Friction loss of every joint: none, 0.1 N m, 5 % of the torque limit."""
+    """Friction loss of every joint: none but the file's, 0.1 N m, 5 % of the torque limit."""
     seeds: int = 20
     """Walks of each problem; 0 for other parts only."""
     seconds: float = 10.0
@@ -138,7 +138,7 @@ def run(case: Case, bench: Bench) -> dict[str, Any]:
 def accuracy_cases(bench: Bench) -> list[Case]:
     """Every method on every walk of every problem; seeds come last, so that an early end leaves whole rounds."""
     return [
-        Case("accuracy", method, robot, preset, friction, bench.other_links, bench.seconds, seed)
+        Case("accuracy", method, robot, preset, friction, bench.other_links, bench.seconds, seed, gait=own_gait(robot))
         for seed, robot, preset, friction in product(range(bench.seeds), bench.robots, bench.presets, bench.friction)
         for method in methods(bench, preset, seed)
     ]
@@ -159,24 +159,26 @@ def other_cases(bench: Bench) -> list[Case]:
     cases: list[Case] = []
     settings = list(product(bench.robots, bench.presets))
     for seed, (robot, preset) in product(range(bench.coverage), settings):
-        seconds = bench.coverage_seconds
-        cases.append(Case("coverage", bench.method(preset), robot, preset, "none", bench.other_links, seconds, seed))
+        seconds, gait = bench.coverage_seconds, own_gait(robot)
+        method = bench.method(preset)
+        cases.append(Case("coverage", method, robot, preset, "none", bench.other_links, seconds, seed, gait=gait))
     for seed, (robot, preset) in product(range(bench.verdict), settings):
         seconds, gait = bench.verdict_seconds, bench.verdict_gait
         cases.append(Case("verdict", bench.method(preset), robot, preset, "none", 0.0, seconds, seed, gait=gait))
     for seed, (robot, preset), fault in product(range(bench.wrong_models), settings, FAULTS):
         off = 0.02 if fault == "links" else 0.0
-        cases.append(Case("wrong", bench.method(preset), robot, preset, "none", off, bench.seconds, seed, fault))
+        method, gait = bench.method(preset), own_gait(robot)
+        cases.append(Case("wrong", method, robot, preset, "none", off, bench.seconds, seed, fault, gait))
     if bench.lengths:
         for seed, (robot, preset), seconds in product(range(bench.seeds), settings, bench.lengths):
             both: tuple[Method, ...] = (bench.method(preset), "bound")
             cases += [
-                Case("lengths", method, robot, preset, "none", bench.other_links, seconds, seed)
+                Case("lengths", method, robot, preset, "none", bench.other_links, seconds, seed, gait=own_gait(robot))
                 for method in (both if seed < bench.bound_seeds else both[:1])
             ]
     if bench.sysid:
         for robot, method in product(bench.robots, (bench.method("clean"), "sysid", "sysid-observer")):
-            cases.append(Case("speed", method, robot, "clean", "none", 0.0, SPEED_SECONDS, 0))
+            cases.append(Case("speed", method, robot, "clean", "none", 0.0, SPEED_SECONDS, 0, gait=own_gait(robot)))
     return cases
 
 

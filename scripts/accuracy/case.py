@@ -11,6 +11,9 @@ from typing import Any, Literal
 from massid.walk.noise import NoisePreset
 from massid.walking.gait import DEFAULT_GAIT
 
+OWN_GAITS = {"nimble": "stamp", "geared": "stamp"}
+"""How robots walk that are not walked as all others."""
+
 Part = Literal["accuracy", "coverage", "verdict", "wrong", "lengths", "speed"]
 Method = Literal["online", "offline", "bound", "least-squares", "sysid", "sysid-observer"]
 Friction = Literal["none", "0.1", "5%"]
@@ -26,7 +29,8 @@ class Case:
         method: what weighs the robot, or bounds it.
         robot: a shipped one.
         preset: sensor noise.
-        friction: friction loss of every joint in truth and model: N m, or a share of the joint's torque limit.
+        friction: friction loss of every joint in truth and model: N m, a share of the joint's torque limit, or none
+            but what the robot's file says.
         other_links: relative standard deviation of the masses of links that are not asked for, in truth and belief.
         seconds: of walking.
         seed: of masses, gait, sensors and search.
@@ -64,6 +68,11 @@ class Case:
     def believed_lag_s(self) -> float:
         """What is believed of the times by which inputs are stamped late, likewise."""
         return 5e-4 if self.part == "wrong" else 0.0
+
+
+def own_gait(robot: str) -> str:
+    """How a robot walks where no gait is asked for."""
+    return OWN_GAITS.get(robot, DEFAULT_GAIT)
 
 
 class Ledger:

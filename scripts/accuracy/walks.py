@@ -27,6 +27,8 @@ from massid.walking.morphology import torque_limits
 COM_ERROR_M = 0.03
 INERTIA_ERROR = 0.2
 UNMODELLED_FRICTION_NM = 3.0
+PERIODS_S = {"nimble": 0.002}
+"""Sample periods of robots whose logs are slower than their steps."""
 FALLS_BORNE = 40
 SEED_STRIDE = 1000
 
@@ -89,7 +91,7 @@ def cut(walk: Walk, start_s: float, seconds: float) -> Walk:
 
 
 def with_friction(robot: Robot, friction: Friction) -> Robot:
-    """The robot with the friction loss of a case."""
+    """The robot with the friction loss of a case; none leaves what its file says."""
     if friction == "none":
         return robot
     if friction == "0.1":
@@ -139,7 +141,16 @@ def _recorded(case: Case, robot: Robot, logs: Path, recorded_s: float) -> Path:
         # Another process may record the same walk: each in a folder of its own, and the log comes last, complete.
         with TemporaryDirectory(prefix="draft_", dir=logs) as folder:
             draft = Path(folder) / path.name
-            if record_walk(true_robot, draft, recorded_s, gait=case.gait, hidden=hidden, seed=seed).end == "complete":
+            report = record_walk(
+                true_robot,
+                draft,
+                recorded_s,
+                gait=case.gait,
+                hidden=hidden,
+                period_s=PERIODS_S.get(case.robot),
+                seed=seed,
+            )
+            if report.end == "complete":
                 truth_path(draft).replace(truth_path(path))
                 draft.replace(path)
     if not path.exists():

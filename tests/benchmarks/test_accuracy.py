@@ -184,7 +184,7 @@ def _printed(table: Table) -> list[list[str]]:
     return [list(row) for row in zip(*(column.cells for column in table.columns), strict=True)]
 
 
-@pytest.mark.parametrize("name", ["atlas", "light", "heavy"])
+@pytest.mark.parametrize("name", ["atlas", "light", "heavy", "nimble", "geared"])
 def test_wrong_robots_are_wrong_as_said(name: str) -> None:
     from accuracy.walks import with_fault, with_friction
 

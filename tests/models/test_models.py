@@ -7,13 +7,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from massid.walking import Morphology, driven_by_servos
+from massid.walking.morphology import torque_limits
+from massid.walking.stance import sole_pose
 from tests.walking.floor import MODELS, SEVEN_LINKS, nominal
 
-MASS_KG = {"atlas": 156.5, "light": 35.0, "heavy": 140.0}
-HEIGHT_M = {"atlas": 1.88, "light": 1.3, "heavy": 1.8}
-TOP_M = HEIGHT_M
-MOTORS = {"atlas": 28, "light": 23, "heavy": 22}
+MASS_KG = {"atlas": 156.5, "light": 35.0, "heavy": 140.0, "nimble": 35.0, "geared": 68.0}
+HEIGHT_M = {"atlas": 1.88, "light": 1.3, "heavy": 1.8, "nimble": 1.42, "geared": 1.84}
+MOTORS = {"atlas": 28, "light": 23, "heavy": 22, "nimble": 27, "geared": 23}
+TIMESTEP_S = dict.fromkeys(MASS_KG, 0.001) | {"geared": 0.004}
 ROBOTS = tuple(MASS_KG)
+SERVOED = ("nimble", "geared")
 
 pytestmark = pytest.mark.parametrize("name", ROBOTS)
 
@@ -32,7 +36,7 @@ def test_mass_height_and_motors_are_as_stated(name: str) -> None:
     assert f"{MASS_KG[name]:g} kg" in header
     assert f"{HEIGHT_M[name]:g} m" in header
     tops = [_top(model, data, geom) for geom in range(model.ngeom)]
-    assert_allclose(max(tops), TOP_M[name], atol=0.05)
+    assert_allclose(max(tops), HEIGHT_M[name], atol=0.05)
     assert model.nu == MOTORS[name] == model.nv - 6
 
 
@@ -43,7 +47,7 @@ def _top(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> float:
     return float(world[:, 2].max())
 
 
-def test_every_joint_has_a_motor_with_limits_and_a_range(name: str) -> None:
+def test_every_joint_has_an_actuator_with_limits_and_a_range(name: str) -> None:
     model = nominal(name)
     assert int(model.jnt_type[0]) == int(mujoco.mjtJoint.mjJNT_FREE)
     assert model.joint(0).name == "root"
@@ -55,9 +59,18 @@ def test_every_joint_has_a_motor_with_limits_and_a_range(name: str) -> None:
         assert model.joint(int(model.actuator_trnid[actuator, 0])).name == motors[actuator]
     assert np.all(model.actuator_gear[:, 0] == 1.0)
     assert np.all(model.actuator_ctrllimited)
-    assert np.all(model.actuator_forcelimited)
-    assert_allclose(model.actuator_ctrlrange[:, 1], -model.actuator_ctrlrange[:, 0])
-    assert_allclose(model.actuator_ctrlrange, model.actuator_forcerange)
+    assert driven_by_servos(model, joints) == (name in SERVOED)
+    if name in SERVOED:
+        assert np.all(model.jnt_actfrclimited[1:])
+        assert_allclose(model.jnt_actfrcrange[1:, 1], -model.jnt_actfrcrange[1:, 0])
+        assert_allclose(model.actuator_ctrlrange, model.jnt_range[model.actuator_trnid[:, 0]])
+        assert np.all(model.dof_frictionloss[6:] > 0.0)
+    else:
+        assert np.all(model.actuator_forcelimited)
+        assert_allclose(model.actuator_ctrlrange[:, 1], -model.actuator_ctrlrange[:, 0])
+        assert_allclose(model.actuator_ctrlrange, model.actuator_forcerange)
+    limits = torque_limits(model)
+    assert np.all((limits > 0.0) & np.isfinite(limits))
     assert np.all(model.jnt_limited[1:])
     low, high = model.jnt_range[1:].T
     assert np.all((low <= 0.0) & (high >= 0.0) & (high - low > 0.3))
@@ -84,7 +97,8 @@ def test_inertias_are_those_of_solid_bodies(name: str) -> None:
 def test_no_link_can_touch_another(name: str) -> None:
     model = nominal(name)
     touching = np.flatnonzero((model.geom_contype != 0) | (model.geom_conaffinity != 0))
-    assert [model.geom(int(g)).name for g in touching] == ["l_sole", "r_sole"]
+    assert all(model.geom(int(g)).name[1:].startswith("_sole") for g in touching)
+    assert len(touching) >= 2
     assert np.all(model.geom_contype[touching] == 0)  # the floor's contype meets their conaffinity, nothing else does
     data = mujoco.MjData(model)
     data.qpos[7:] = 0.3 * np.random.default_rng(0).normal(size=model.nq - 7)
@@ -94,6 +108,7 @@ def test_no_link_can_touch_another(name: str) -> None:
 
 def test_the_right_side_mirrors_the_left(name: str) -> None:
     model, data = at_zero(name)
+    limits = torque_limits(model)
     mirror = np.diag([1.0, -1.0, 1.0])
     for body in range(1, model.nbody):
         left = model.body(body).name
@@ -114,8 +129,7 @@ def test_the_right_side_mirrors_the_left(name: str) -> None:
             sideways = abs(model.jnt_axis[joint, 1]) > 0.5
             expected = model.jnt_range[joint] if sideways else -model.jnt_range[joint][::-1]
             assert_allclose(model.jnt_range[twin], expected)
-            limits = model.actuator_ctrlrange
-            assert_allclose(limits[model.actuator("r_" + left[2:]).id], limits[model.actuator(left).id])
+            assert limits[twin - 1] == limits[joint - 1]
 
 
 def _inertia(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> np.ndarray:
@@ -126,18 +140,21 @@ def _inertia(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> np.ndarra
 
 def test_the_soles_are_level_and_on_the_floor(name: str) -> None:
     model, data = at_zero(name)
-    for geom in ("l_sole", "r_sole"):
-        sole = model.geom(geom)
-        assert int(sole.type[0]) == int(mujoco.mjtGeom.mjGEOM_BOX)
-        assert_allclose(data.geom(geom).xmat.reshape(3, 3)[2], [0, 0, 1], atol=1e-9)
-        assert_allclose(data.geom(geom).xpos[2] - sole.size[2], 0.0, atol=1e-9)
-        centre = data.site(f"{geom}_centre").xpos
-        assert_allclose(centre, data.geom(geom).xpos - [0, 0, sole.size[2]], atol=1e-9)
+    for sole in Morphology.from_model(model).soles:
+        centre, axes = sole_pose(data, sole)
+        assert_allclose(axes, np.eye(3), atol=1e-9)
+        assert_allclose(centre, data.site(f"{sole.body_name[0]}_sole_centre").xpos, atol=1e-9)
+        assert_allclose(centre[2], 0.0, atol=1e-9)
+    for geom in np.flatnonzero(model.geom_conaffinity):
+        box, axes = model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_BOX), data.geom_xmat[geom].reshape(3, 3)
+        lying = axes[2, 2] == 1.0 if box else abs(axes[2, 2]) < 1e-9  # a capsule lies on its side
+        assert lying
+        assert_allclose(data.geom_xpos[geom, 2] - model.geom_size[geom, 2 if box else 0], 0.0, atol=1e-9)
 
 
 def test_the_simulation_is_set_up_as_the_plant_wants_it(name: str) -> None:
     option = nominal(name).opt
-    assert option.timestep == 0.001
+    assert option.timestep == TIMESTEP_S[name]
     assert int(option.integrator) == int(mujoco.mjtIntegrator.mjINT_EULER)
     assert int(option.cone) == int(mujoco.mjtCone.mjCONE_ELLIPTIC)
     assert option.impratio == 10

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 import massid.plant.walk
-from massid.errors import BadInputError
+from massid.assets import shipped_models
+from massid.errors import BadInputError, ModelError
 from massid.log.reader import read_walk
 from massid.model.file import file_sha256
 from massid.model.robot import Robot
 from massid.plant import HiddenMasses, MassErrors, corrupt_log, record_walk
+from massid.plant.walk import Controller
 from massid.walking import Walker
+from massid.walking.morphology import torque_limits
 from tests.plant.conftest import ATLAS, Walked, true_masses
 from tests.plant.replaying import nominal_kg, velocity_errors
 
@@ -85,6 +88,31 @@ def test_the_walker_knows_only_nominal_masses(atlas: Robot, tmp_path: Path, monk
     for link in atlas.links:
         assert model.body(link).mass[0] == atlas.nominal_mass_kg(link)
         np.testing.assert_array_equal(model.body(link).inertia, atlas.model.body(link).inertia)
+
+
+def test_what_servos_really_exerted_is_logged(tmp_path: Path) -> None:
+    robot = Robot.load(shipped_models()["geared"])
+    report = record_walk(robot, tmp_path / "walk.mcap", 2.0, gait="stamp", seed=2)
+    walk = read_walk(report.path)
+    assert report.end == "complete"
+    assert velocity_errors(walk, robot, true_masses(report.truth_path)).max() < 1e-9  # rad/s; rounding
+    assert np.median(velocity_errors(walk, robot, nominal_kg(robot))) > 1e-4
+    share = np.abs(robot.align(walk).effort) / torque_limits(robot.model)
+    assert 0.3 < share.max() <= 1.0
+
+
+def test_a_robot_is_driven_as_its_file_says_unless_told_otherwise(tmp_path: Path) -> None:
+    controllers: tuple[Controller, ...] = ("auto", "servo", "torque")
+    auto, servo, torque = (
+        read_walk(record_walk(shipped_models()["geared"], tmp_path / f"{c}.mcap", 0.2, controller=c, seed=1).path)
+        for c in controllers
+    )
+    np.testing.assert_array_equal(auto.effort, servo.effort)
+    assert not np.array_equal(auto.effort, torque.effort)
+    with pytest.raises(ModelError, match="Actuator 'back_bkz' of the model is no position servo"):
+        record_walk(ATLAS, tmp_path / "walk.mcap", 0.2, controller="servo")
+    with pytest.raises(BadInputError, match=r"no controller named 'servos'\. Did you mean servo"):
+        record_walk(ATLAS, tmp_path / "walk.mcap", 0.2, controller="servos")  # type: ignore[arg-type]
 
 
 def test_a_seed_makes_one_walk(tmp_path: Path) -> None:

@@ -164,6 +164,33 @@ def test_the_number_of_samples_is_exact_within_a_control_step(tmp_path: Path) ->
     assert set(np.diff(walk.stamps_ns)) == {2_000_000}
 
 
+def test_a_slower_log_has_every_so_many_states_and_the_means_of_what_acted(tmp_path: Path) -> None:
+    every, third = (tmp_path / f"{name}.mcap" for name in ("every", "third"))
+    for path, period_s in ((every, None), (third, 0.006)):
+        environment = drop_crab("Euler", servo=False)
+        recording = record(
+            environment, RandomAgent(environment), path, 1.0, contact_bodies=["shell"], period_s=period_s
+        )
+    assert (recording.samples, recording.duration_s) == (167, pytest.approx(1.002))
+    fast, slow = read_walk(every), read_walk(third)
+    assert slow.timestep_s == pytest.approx(3 * fast.timestep_s)
+    for name in ("stamps_ns", "qpos", "qvel"):
+        np.testing.assert_array_equal(getattr(slow, name)[:166], getattr(fast, name)[:498:3])
+    assert slow.contact_bodies == fast.contact_bodies
+    for name in ("effort", "wrench"):
+        acted = getattr(fast, name)[:498]
+        means = acted.reshape(166, 3, *acted.shape[1:]).mean(axis=1)
+        np.testing.assert_allclose(getattr(slow, name)[:166], means, atol=1e-9)  # N m, N; rounding
+
+
+@pytest.mark.parametrize("period_s", [0.003, 0.0, -0.002, float("nan")])
+def test_a_period_of_other_than_whole_steps_is_refused(period_s: float, tmp_path: Path) -> None:
+    environment = drop_crab("Euler", servo=False)
+    with pytest.raises(BadInputError, match=r"no whole number of physics steps: the robot's take 0\.002 s"):
+        record(environment, RandomAgent(environment), tmp_path / "log.mcap", 1.0, period_s=period_s)
+    assert not list(tmp_path.iterdir())
+
+
 def test_divergence_ends_the_log_and_is_told(tmp_path: Path) -> None:
     environment = drop_crab("Euler", servo=False)
     environment.reset()

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from massid.typing import FloatArray
-from massid.walking import Walker
+from massid.walking import ServoWalker, Walker
 
 MODELS = Path(__file__).parents[2] / "models"
 SEVEN_LINKS = ("torso", "l_thigh", "r_thigh", "l_calf", "r_calf", "l_foot", "r_foot")
@@ -41,18 +41,19 @@ def error_factors(model: mujoco.MjModel, norm_kg: float, rng: np.random.Generato
 class Plant:
     """A robot on a plane, stepped with torques in joint order."""
 
-    def __init__(self, model: mujoco.MjModel, walker: Walker) -> None:
+    def __init__(self, model: mujoco.MjModel, walker: Walker | ServoWalker) -> None:
         self.model, self.walker = model, walker
         self.data = mujoco.MjData(model)
         self.data.qpos[:] = walker.initial_qpos()
         self._motors = np.array([model.actuator(name).id for name in walker.joint_names])
         feet = [model.body(name).id for name in walker.foot_names]
-        self._side = {int(g): i for i, b in enumerate(feet) for g in np.flatnonzero(model.geom_bodyid == b)}
+        moving = model.body_weldid[model.geom_bodyid]
+        self._side = {int(g): i for i, b in enumerate(feet) for g in np.flatnonzero(moving == b)}
         self._force = np.zeros(6)
         self.foot_load_n = np.zeros(2)
 
     def step(self) -> None:
-        """One millisecond: torques from the present state and the foot loads of the last step."""
+        """One time step: torques from the present state and the foot loads of the last step."""
         data = self.data
         data.ctrl[self._motors] = self.walker.control(data.time, data.qpos, data.qvel, self.foot_load_n)
         mujoco.mj_step(self.model, data)

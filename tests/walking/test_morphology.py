@@ -7,10 +7,11 @@ from numpy.testing import assert_allclose
 
 from massid.errors import ModelError
 from massid.walking import Morphology
+from massid.walking.morphology import torque_limits
 from massid.walking.stance import sole_pose, standing_qpos
 from tests.walking.floor import nominal
 
-ROBOTS = ("atlas", "light", "heavy")
+ROBOTS = ("atlas", "light", "heavy", "nimble", "geared")
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -52,6 +53,34 @@ def test_the_standing_pose_is_level_and_balanced(name: str) -> None:
     low, high = model.jnt_range[1:].T
     assert np.all(data.qpos[7:] > low)
     assert np.all(data.qpos[7:] < high)
+
+
+def test_toe_and_heel_belong_to_the_foot_that_they_are_welded_to() -> None:
+    model = nominal("nimble")
+    sole = Morphology.from_model(model).soles[0]
+    assert sole.body_name == "l_foot"
+    own = [g for g in range(model.ngeom) if model.geom(g).name == "l_sole_ball"]
+    assert sole.half_length_m > 2 * float(model.geom_size[own[0], 0])
+
+
+@pytest.mark.parametrize(
+    ("joint", "actuator", "expected_nm"),
+    [
+        ("", "<motor joint='j' gear='2' ctrlrange='-3 3' ctrllimited='true'/>", 6.0),
+        ("", "<motor joint='j' gear='2' forcerange='-2 1' forcelimited='true'/>", 2.0),
+        ("actuatorfrcrange='-5 5'", "<motor joint='j' gear='2' ctrlrange='-3 3' ctrllimited='true'/>", 5.0),
+        ("actuatorfrcrange='-5 5'", "<position joint='j' kp='2' ctrlrange='-0.1 0.1'/>", 5.0),
+        ("", "<position joint='j' kp='2' ctrlrange='-0.1 0.1'/>", 0.2),
+        ("", "<motor joint='j'/>", np.inf),
+    ],
+)
+def test_a_joint_bears_no_more_than_its_tightest_limit(joint: str, actuator: str, expected_nm: float) -> None:
+    model = mujoco.MjModel.from_xml_string(
+        f"""<mujoco><compiler autolimits='true'/><worldbody><body><freejoint/><geom size='1'/>
+        <body><joint name='j' {joint}/><geom size='1'/></body></body></worldbody>
+        <actuator>{actuator}</actuator></mujoco>"""
+    )
+    assert torque_limits(model) == [expected_nm]
 
 
 def test_an_impossible_stance_is_refused() -> None:

@@ -16,6 +16,7 @@ OptionalModel: TypeAlias = Annotated[str | None, tyro.conf.arg(metavar="MODEL", 
 OptionalTopics: TypeAlias = Annotated[str | None, tyro.conf.arg(metavar="FILE|PRESET", help_behavior_hint="")]
 OptionalLinks: TypeAlias = Annotated[str | None, tyro.conf.arg(metavar="A,B,C", help_behavior_hint="")]
 OptionalKg: TypeAlias = Annotated[float | None, tyro.conf.arg(metavar="KG", help_behavior_hint="")]
+OptionalHz: TypeAlias = Annotated[float | None, tyro.conf.arg(metavar="HZ", help_behavior_hint="")]
 MassErrorList: TypeAlias = Annotated[tuple[str, ...], tyro.conf.arg(metavar="[LINK=+KG ...]", help_behavior_hint="")]
 UnknownList: TypeAlias = Annotated[
     tuple[str, ...],

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from massid.cli.arguments import MassErrorList, OptionalKg
+from massid.cli.arguments import MassErrorList, OptionalHz, OptionalKg
 from massid.errors import BadInputError, FallError
 from massid.outputs import check_outputs, check_suffix
 from massid.ranges import require_at_most, require_not_negative, require_positive
@@ -31,6 +31,7 @@ class Record:
     Examples:
       massid record walk.mcap
       massid record walk.mcap --robot light --seconds 30 --gait turn --seed 3
+      massid record walk.mcap --robot nimble --gait stamp --rate-hz 500
       massid record walk.mcap --mass torso=+4 l_foot=-0.5
       massid record walk.mcap --noise realistic
     """
@@ -43,6 +44,10 @@ class Record:
     """How long to walk [s]."""
     gait: str = "random"
     """How to walk; an unknown name lists all gaits."""
+    controller: Literal["auto", "torque", "servo"] = "auto"
+    """What moves the joints: torques, or the position servos of the robot's file; auto as the file drives them."""
+    rate_hz: OptionalHz = None
+    """Samples per second in the log, torques and wrenches being means; default all of the model's steps."""
     mass_error_kg: OptionalKg = None
     """L2 norm of mass errors in a random direction; default 6 for atlas, a quarter of the links' norm for others."""
     mass: MassErrorList = ()
@@ -83,7 +88,7 @@ class Record:
 
         if self.mass and self.mass_error_kg is not None:
             raise BadInputError("Give either --mass or --mass-error-kg, not both.")
-        require_positive({"seconds": self.seconds})
+        require_positive({"seconds": self.seconds} | ({} if self.rate_hz is None else {"rate_hz": self.rate_hz}))
         require_at_most(LONGEST_S, {"seconds": self.seconds})
         require_not_negative({"seed": self.seed})
         model = resolve_model(self.robot)
@@ -99,8 +104,10 @@ class Record:
                 self.out,
                 self.seconds,
                 gait=self.gait,
+                controller=self.controller,
                 hidden=hidden,
                 noise=self.noise,
+                period_s=None if self.rate_hz is None else 1.0 / self.rate_hz,
                 seed=self.seed,
                 progress=progress,
             )

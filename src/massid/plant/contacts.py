@@ -110,14 +110,14 @@ def contact_forces(model: mujoco.MjModel, data: mujoco.MjData) -> FloatArray:
 
 
 class LoadCells:
-    """Measures the upward force on some bodies, such as feet."""
+    """Measures the upward force on some bodies, such as feet, and what is welded to them, such as toes."""
 
     def __init__(self, model: mujoco.MjModel, bodies: IntArray) -> None:
         self._model = model
         self._count = len(bodies)
         self._cell_of_geom = np.full(model.ngeom + 1, self._count)  # the last cell takes what is none of ours
         for cell, body in enumerate(bodies):
-            self._cell_of_geom[:-1][model.geom_bodyid == body] = cell
+            self._cell_of_geom[:-1][model.body_weldid[model.geom_bodyid] == model.body_weldid[body]] = cell
 
     def read(self, data: mujoco.MjData) -> FloatArray:
         """Upward force on each body over the step that was made last [N], shape (n_bodies,)."""

@@ -1,7 +1,8 @@
-"""Log every physics step of any dm_control environment with a floating-base robot in it.
+"""Log the physics steps of any dm_control environment with a floating-base robot in it.
 
 The recorder stands between an environment and its physics: each physics step, also each of the several that make one
-control step, is seen with the state before it and the torques and contact forces that acted over it.
+control step, is seen with the state before it and the torques and contact forces that acted over it. A slower log has
+every so many states, and the means of what acted until the next.
 """
 
 from __future__ import annotations
@@ -23,13 +24,16 @@ from massid.plant.backend import PhysicsError
 from massid.plant.contacts import ContactRecorder
 from massid.plant.effort import effort_meter
 from massid.plant.parts import RobotParts
-from massid.typing import AnyArray
+from massid.typing import AnyArray, FloatArray
 
 START_NS = 1_767_225_600_000_000_000
 """First stamp of a simulated walk, the start of 2026: the same seed makes the same log."""
 
+_WHOLE = 1e-6
+"""Rounding that is borne in a number of steps."""
+
 COMPLETE, TERMINATED, TRUNCATED, DIVERGED = "complete", "terminated", "truncated", "diverged"
-BLOCK_SAMPLES = 200
+BLOCK_STEPS = 200
 
 Agent: TypeAlias = Callable[[dm_env.TimeStep], AnyArray] | Iterator[AnyArray]
 """Gives the action for what the environment showed last, or one action after the other."""
@@ -44,7 +48,7 @@ class Recording:
 
     Attributes:
         path: the log.
-        samples: physics steps in it.
+        samples: in it.
         duration_s: time they cover [s].
         end: "complete"; "terminated" by the task; "truncated" by its time limit or the end of the actions; "diverged".
         self_contact_samples: samples in which the robot's own links pressed on each other: no wrench shows that.
@@ -69,7 +73,8 @@ class StepRecorder:
         physics: of the environment, after its reset.
         writer: open log.
         parts: the robot in it.
-        samples: how many physics steps to log; what comes later passes unseen.
+        samples: how many to log; what comes later passes unseen.
+        stride: physics steps that make one sample.
         start_ns: first stamp since the Unix epoch [ns].
         progress: told after every block.
     """
@@ -80,19 +85,21 @@ class StepRecorder:
         writer: WalkWriter,
         parts: RobotParts,
         samples: int,
+        stride: int = 1,
         start_ns: int = START_NS,
         progress: Progress | None = None,
     ) -> None:
         self._physics, self._writer, self._parts = physics, writer, parts
         self._model: mujoco.MjModel = physics.model.ptr
         self._data: mujoco.MjData = physics.data.ptr
-        self._wanted, self._start_ns, self._progress = samples, start_ns, progress
-        self._timestep_s = float(self._model.opt.timestep)
+        self._wanted, self._stride, self._start_ns, self._progress = samples, stride, start_ns, progress
+        self._period_s = stride * float(self._model.opt.timestep)
         self._effort_meter = effort_meter(self._model)
-        self._contacts = ContactRecorder(self._model, parts, BLOCK_SAMPLES)
-        self._qpos = np.zeros((BLOCK_SAMPLES, self._model.nq))
-        self._qvel = np.zeros((BLOCK_SAMPLES, self._model.nv))
-        self._effort = np.zeros((BLOCK_SAMPLES, self._model.nv))
+        self._block = stride * max(1, BLOCK_STEPS // stride)
+        self._contacts = ContactRecorder(self._model, parts, self._block)
+        self._qpos = np.zeros((self._block, self._model.nq))
+        self._qvel = np.zeros((self._block, self._model.nv))
+        self._effort = np.zeros((self._block, self._model.nv))
         self._filled = 0
         self._stages = takes_stages(self._model)
         self._instant = mujoco.MjData(self._model) if self._stages else self._data
@@ -103,7 +110,7 @@ class StepRecorder:
     @property
     def full(self) -> bool:
         """Whether all samples were seen."""
-        return self.samples + self._filled >= self._wanted
+        return self.samples + self._filled // self._stride >= self._wanted
 
     def __enter__(self) -> Self:
         self._step = self._physics.step
@@ -142,7 +149,7 @@ class StepRecorder:
         if legacy:
             mujoco.mj_step1(self._model, data)
         self._filled += 1
-        if self._filled == BLOCK_SAMPLES:
+        if self._filled == self._block:
             self._flush()
 
     def _evaluate_first_stage(self) -> None:
@@ -153,24 +160,31 @@ class StepRecorder:
         mujoco.mj_forward(self._model, self._instant)
 
     def _flush(self) -> None:
-        n = self._filled
+        steps, n = self._filled, self._filled // self._stride
+        self._filled = 0
+        acted = self._contacts.finish(steps)
         if n == 0:
             return
-        self._filled = 0
-        parts, qpos, qvel = self._parts, self._qpos[:n], self._qvel[:n]
-        acted = self._contacts.finish(n)
-        times_s = np.arange(self.samples, self.samples + n) * self._timestep_s
+        parts, whole = self._parts, n * self._stride  # steps after the last whole sample are left out
+        qpos, qvel = self._qpos[: whole : self._stride], self._qvel[: whole : self._stride]
+        times_s = np.arange(self.samples, self.samples + n) * self._period_s
         self._writer.append_block(
             self._start_ns + np.rint(times_s * 1e9).astype(np.int64),
             parts.log_qpos(qpos),
             parts.log_qvel(qpos, qvel),
-            self._effort[:n, parts.joint_dof],
-            acted.wrench,
+            self._mean(self._effort[:whole, parts.joint_dof]),
+            {body: self._mean(wrench[:whole]) for body, wrench in acted.wrench.items()},
         )
         self.samples += n
-        self.self_contact_samples += int(acted.self_contact.sum())
+        self.self_contact_samples += int(acted.self_contact[:whole].reshape(n, self._stride).any(axis=1).sum())
         if self._progress is not None:
-            self._progress(self.samples / self._wanted, f"{self.samples * self._timestep_s:.1f} s recorded")
+            self._progress(self.samples / self._wanted, f"{self.samples * self._period_s:.1f} s recorded")
+
+    def _mean(self, values: FloatArray) -> FloatArray:
+        """What acted over each sample's steps, on average."""
+        if self._stride == 1:
+            return values
+        return np.asarray(values.reshape(-1, self._stride, values.shape[1]).mean(axis=1))
 
 
 def record(
@@ -183,6 +197,7 @@ def record(
     root_body: str | None = None,
     contact_bodies: Sequence[str] = (),
     terminated: str = TERMINATED,
+    period_s: float | None = None,
     start_ns: int = START_NS,
     progress: Progress | None = None,
 ) -> Recording:
@@ -200,21 +215,24 @@ def record(
         root_body: the robot's floating base; None for the floating body with the most joints.
         contact_bodies: bodies that have a wrench topic even if nothing touches them.
         terminated: what the log says when the task ends the episode, such as "fell".
+        period_s: of the log's samples, a whole number of physics steps; None for one [s].
         start_ns: first stamp since the Unix epoch [ns].
         progress: told where the recording stands.
 
     Raises:
-        BadInputError: the duration is shorter than one physics step.
+        BadInputError: the period is not a whole number of physics steps, or the duration is shorter than a period.
         ModelError: no robot to record.
         LogError: the log cannot be written.
     """
     timestep = environment.reset()
     physics: Any = environment.physics
     model: mujoco.MjModel = physics.model.ptr
-    timestep_s = float(model.opt.timestep)
+    stride = _stride(period_s, float(model.opt.timestep))
+    timestep_s = stride * float(model.opt.timestep)
     samples = round(duration_s / timestep_s)
     if samples < 1:
-        raise BadInputError(f"A recording of {duration_s} s is shorter than one physics step of {timestep_s} s.")
+        what = "physics step" if stride == 1 else "sample"
+        raise BadInputError(f"A recording of {duration_s} s is shorter than one {what} of {timestep_s} s.")
     parts = RobotParts.find(model, root_body)
     writer = WalkWriter(
         path,
@@ -226,7 +244,7 @@ def record(
     )
     act = agent if callable(agent) else _replayed(agent)
     with writer:
-        with StepRecorder(physics, writer, parts, samples, start_ns, progress) as recorder:
+        with StepRecorder(physics, writer, parts, samples, stride, start_ns, progress) as recorder:
             end = COMPLETE
             while not recorder.full:
                 try:
@@ -252,6 +270,18 @@ def record(
         end=end,
         self_contact_samples=recorder.self_contact_samples,
     )
+
+
+def _stride(period_s: float | None, timestep_s: float) -> int:
+    """Physics steps of one sample."""
+    if period_s is None:
+        return 1
+    steps = period_s / timestep_s
+    if not (np.isfinite(steps) and round(steps) >= 1 and abs(steps - round(steps)) < _WHOLE):
+        raise BadInputError(
+            f"A sample every {period_s:g} s is no whole number of physics steps: the robot's take {timestep_s:g} s."
+        )
+    return round(steps)
 
 
 def _replayed(actions: Iterator[AnyArray]) -> Callable[[dm_env.TimeStep], AnyArray]:

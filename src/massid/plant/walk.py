@@ -5,11 +5,12 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias, get_args
 
 import dm_env
 import numpy as np
 
+from massid.errors import BadInputError, unknown_name
 from massid.model.file import file_sha256
 from massid.model.robot import Robot
 from massid.plant.corruption import check_noise, corrupt_log
@@ -20,10 +21,13 @@ from massid.plant.recorder import Progress, record
 from massid.plant.truth import truth_path, write_truth
 from massid.typing import FloatArray
 from massid.walk.noise import NoisePreset
-from massid.walking import Gait, Walker, find_gait
+from massid.walking import Gait, Servos, ServoWalker, Walker, driven_by_servos, find_gait
 
 FELL = "fell"
 INTERRUPTED = "interrupted"
+
+Controller: TypeAlias = Literal["auto", "torque", "servo"]
+"""What moves a robot: torques, or targets of its joints' servos; auto as its file drives it."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class RecordingReport:
     Attributes:
         path: the log.
         truth_path: true masses and seed.
-        samples: physics steps in the log.
+        samples: in the log.
         duration_s: time they cover [s].
         fell: the robot fell; the log ends there.
         end: what the log says about its end; "complete" if it has the length asked for.
@@ -56,7 +60,7 @@ class RecordingReport:
 class WalkerAgent:
     """Lets a walker act in the plant: observations in, motor torques out."""
 
-    def __init__(self, walker: Walker, environment: Any) -> None:
+    def __init__(self, walker: Walker | ServoWalker, environment: Any) -> None:
         self._walker = walker
         self._period_s = float(environment.control_timestep())
         humanoid = environment.task.humanoid
@@ -82,8 +86,10 @@ def record_walk(
     duration_s: float = 10.0,
     *,
     gait: Gait | str = "random",
+    controller: Controller = "auto",
     hidden: HiddenMasses | MassErrors | None = None,
     noise: NoisePreset = "clean",
+    period_s: float | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> RecordingReport:
@@ -98,24 +104,30 @@ def record_walk(
         path: the log to write, NAME.mcap; NAME.truth.json goes beside it.
         duration_s: how long to walk [s].
         gait: how to walk, or a gait's name.
+        controller: whether the walker commands torques, or targets of the position servos that the file gives the
+            joints; auto as the file drives them.
         hidden: the mass errors, or how to draw them; None draws `MassErrors()`.
         noise: of the sensors: clean, white, realistic or harsh; the walker senses without noise.
+        period_s: of the log's samples [s], a whole number of the model's steps; None for one. Torques and wrenches are
+            means over it.
         seed: of mass errors, gait and sensors.
         progress: told where the recording stands.
 
     Raises:
-        ModelError: the robot cannot be simulated or cannot walk, or lacks a link that was named.
-        BadInputError: no such gait or sensor noise, impossible mass errors, or too short a duration.
+        ModelError: the robot cannot be simulated or cannot walk, lacks a link that was named, or has no servos.
+        BadInputError: no such gait, controller or sensor noise, impossible mass errors, too short a duration, or a
+            period of other than whole steps.
         LogError: the log cannot be written.
     """
     path = Path(path)
+    walk = _Walk(gait, controller, duration_s, period_s, seed)
     if noise == "clean":
-        return _record_clean(source, path, duration_s, gait, hidden, seed, progress)
+        return _record_clean(source, path, walk, hidden, progress)
     check_noise(noise)
     clean = path.with_name(f".{path.stem}.clean.mcap")
     leftovers = (clean, truth_path(clean))
     try:
-        report = _record_clean(source, clean, duration_s, gait, hidden, seed, progress)
+        report = _record_clean(source, clean, walk, hidden, progress)
     finally:
         try:
             if clean.exists():  # an interrupted recording, too
@@ -126,33 +138,42 @@ def record_walk(
     return replace(report, path=path, truth_path=truth_path(path))
 
 
+@dataclass(frozen=True)
+class _Walk:
+    """How to walk and to log it, as `record_walk` was told."""
+
+    gait: Gait | str
+    controller: Controller
+    duration_s: float
+    period_s: float | None
+    seed: int
+
+
 def _record_clean(
     source: Robot | str | Path,
     path: Path,
-    duration_s: float,
-    gait: Gait | str,
+    asked: _Walk,
     hidden: HiddenMasses | MassErrors | None,
-    seed: int,
     progress: Progress | None,
 ) -> RecordingReport:
     """Record without noise."""
-    gait = find_gait(gait) if isinstance(gait, str) else gait
+    gait = find_gait(asked.gait) if isinstance(asked.gait, str) else asked.gait
     robot = source if isinstance(source, Robot) else Robot.load(source)
-    masses_rng, gait_rng = np.random.default_rng(seed).spawn(2)
+    masses_rng, gait_rng = np.random.default_rng(asked.seed).spawn(2)
     hidden = MassErrors() if hidden is None else hidden
     drawn = isinstance(hidden, MassErrors)
     masses = hidden.draw(robot, masses_rng) if isinstance(hidden, MassErrors) else hidden
-    walker = Walker(motorised(robot).model, gait, gait_rng)
-    environment = make_environment(
-        robot, masses, initial_qpos=walker.initial_qpos(), options=PlantOptions(feet=walker.foot_names)
-    )
+    walker = _walker(robot, gait, asked.controller, gait_rng)
+    options = PlantOptions(control_period_s=walker.control_period_s, feet=walker.foot_names)
+    environment = make_environment(robot, masses, initial_qpos=walker.initial_qpos(), options=options)
     before, end = _identity(path), INTERRUPTED
     try:
         recording = record(
             environment,
             WalkerAgent(walker, environment),
             path,
-            duration_s,
+            asked.duration_s,
+            period_s=asked.period_s,
             metadata={"model_file": robot.source, "model_sha256": _fingerprint(source, robot), "gait": gait.name},
             contact_bodies=walker.foot_names,
             terminated=FELL,
@@ -162,7 +183,8 @@ def _record_clean(
     finally:
         environment.close()
         if _identity(path) != before:  # also an interrupted recording leaves a log
-            write_truth(truth_path(path), robot, masses, seed, {"masses_drawn": drawn, "gait": gait.name, "end": end})
+            details = {"masses_drawn": drawn, "gait": gait.name, "end": end}
+            write_truth(truth_path(path), robot, masses, asked.seed, details)
     return RecordingReport(
         path=recording.path,
         truth_path=truth_path(path),
@@ -174,6 +196,17 @@ def _record_clean(
         error_norm_kg=masses.norm_kg,
         failed_solves=walker.failed_solves,
     )
+
+
+def _walker(robot: Robot, gait: Gait, controller: Controller, rng: np.random.Generator) -> Walker | ServoWalker:
+    """What walks a robot: its motors by torques, or the servos of its own file by targets."""
+    if controller not in get_args(Controller):
+        raise BadInputError(unknown_name("controller", controller, get_args(Controller), "The plant"))
+    alone = motorised(robot)
+    servos = driven_by_servos(robot.model, alone.joint_names) if controller == "auto" else controller == "servo"
+    if not servos:
+        return Walker(alone.model, gait, rng)
+    return ServoWalker(alone.model, gait, rng, Servos.from_model(robot.model, alone.joint_names))
 
 
 def _identity(path: Path) -> tuple[int, int] | None:

@@ -46,6 +46,7 @@ class Step:
         single_support_s: planned time in the air.
         double_support_s: time of the weight's transfer after touchdown.
         apex_m: height of the swing.
+        landing_m_s: speed at which the foot comes down.
     """
 
     side: int
@@ -55,6 +56,7 @@ class Step:
     single_support_s: float
     double_support_s: float
     apex_m: float
+    landing_m_s: float = 0.0
 
     def landing(self, stance: FootPose) -> FootPose:
         """Where the swinging foot lands if the other stands at stance."""
@@ -126,4 +128,5 @@ class FootstepPlanner:
             single_support_s=float(self.clock * gait.single_support_s * (1 + gait.random_duration * draws[3])),
             double_support_s=float(self.clock * gait.double_support_s),
             apex_m=float(scale * (gait.apex_m + gait.random_apex_m * abs(draws[4]))),
+            landing_m_s=float(scale / self.clock * gait.landing_m_s),
         )

@@ -14,7 +14,8 @@ REFERENCE_LEG_M = 0.87
 class Gait:
     """One way of walking.
 
-    Lengths are for legs of 0.87 m from hip to sole and scale with the robot's legs; durations scale with the root.
+    Lengths are for legs of 0.87 m from hip to sole and scale with the robot's legs; durations and speeds scale with the
+    root.
 
     Attributes:
         name: short name.
@@ -28,6 +29,7 @@ class Gait:
         random_duration: half range of a uniform relative change of each single support.
         random_apex_m: largest addition to the apex of a swing, uniform from zero.
         apex_m: highest point of a swing above the floor.
+        landing_m_s: speed at which a foot comes down on the floor; zero sets it down gently.
         single_support_s: duration of a swing.
         double_support_s: duration of the weight's transfer between two swings.
         first_shift_s: duration of the first transfer, from standing onto one foot.
@@ -48,6 +50,7 @@ class Gait:
     random_duration: float = 0.0
     random_apex_m: float = 0.0
     apex_m: float = 0.07
+    landing_m_s: float = 0.0
     single_support_s: float = 0.6
     double_support_s: float = 0.2
     first_shift_s: float = 1.2
@@ -66,7 +69,7 @@ class Gait:
             if not getattr(self, field) > 0.0:
                 raise BadInputError(f"Gait '{self.name}': {field} is {getattr(self, field)}; it must be above zero.")
         amplitudes = ("random_forward_m", "random_sideways_m", "random_turn_rad", "random_duration", "random_apex_m")
-        for field in (*amplitudes, "arm_rad", "torso_rad", "height_m"):
+        for field in (*amplitudes, "landing_m_s", "arm_rad", "torso_rad", "height_m"):
             if not getattr(self, field) >= 0.0:
                 raise BadInputError(f"Gait '{self.name}': {field} is {getattr(self, field)}; it must not be negative.")
         if self.random_duration >= 0.5:
@@ -92,8 +95,19 @@ _RANDOM = Gait(
     random_duration=0.12,
     random_apex_m=0.05,
 ).excited()
+_STAMP = replace(
+    _RANDOM,
+    name="stamp",
+    description="random steps, short and quick, that come down hard",
+    random_apex_m=0.03,
+    apex_m=0.08,
+    landing_m_s=1.0,
+    single_support_s=0.38,
+    double_support_s=0.03,
+    first_shift_s=0.9,
+)
 
-GAITS: dict[str, Gait] = {g.name: g for g in (_RANDOM, _STRAIGHT, _BACKWARD, _TURN, _SIDEWAYS, _STAND)}
+GAITS: dict[str, Gait] = {g.name: g for g in (_RANDOM, _STRAIGHT, _BACKWARD, _TURN, _SIDEWAYS, _STAMP, _STAND)}
 """Gaits by name; the first is the default."""
 
 DEFAULT_GAIT = "random"

@@ -136,20 +136,30 @@ class Morphology:
 
 
 def torque_limits(model: mujoco.MjModel) -> FloatArray:
-    """Largest torque of each joint dof [N m or N], shape (nv - 6,): the smaller of control and force range."""
+    """Largest torque of each joint dof [N m or N], shape (nv - 6,): the smallest of control, force and joint range.
+
+    The control of a servo is no torque: its range, times its gain, counts only where there is no other limit.
+    """
     limits = np.zeros(model.nv)
     for actuator in range(model.nu):
         if int(model.actuator_trntype[actuator]) != int(mujoco.mjtTrn.mjTRN_JOINT):
             continue
-        dof = model.jnt_dofadr[model.actuator_trnid[actuator, 0]]
-        gain = abs(model.actuator_gainprm[actuator, 0])
-        ranges = [np.inf]
-        if model.actuator_ctrllimited[actuator]:
-            ranges.append(gain * float(np.min(np.abs(model.actuator_ctrlrange[actuator]))))
+        joint = model.actuator_trnid[actuator, 0]
+        gain, gear = abs(model.actuator_gainprm[actuator, 0]), abs(model.actuator_gear[actuator, 0])
+        ranges = []
         if model.actuator_forcelimited[actuator]:
-            ranges.append(float(np.min(np.abs(model.actuator_forcerange[actuator]))))
-        limits[dof] = abs(model.actuator_gear[actuator, 0]) * min(ranges)
+            ranges.append(gear * float(np.min(np.abs(model.actuator_forcerange[actuator]))))
+        if model.jnt_actfrclimited[joint]:
+            ranges.append(float(np.min(np.abs(model.jnt_actfrcrange[joint]))))
+        if model.actuator_ctrllimited[actuator] and not (ranges and is_servo(model, actuator)):
+            ranges.append(gear * gain * float(np.min(np.abs(model.actuator_ctrlrange[actuator]))))
+        limits[model.jnt_dofadr[joint]] = min(ranges, default=np.inf)
     return limits[6:]
+
+
+def is_servo(model: mujoco.MjModel, actuator: int) -> bool:
+    """Whether an actuator holds a position or a velocity: its force depends on the joint's state."""
+    return int(model.actuator_biastype[actuator]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
 
 
 def natural_frequency(com_height_m: float) -> float:
@@ -176,15 +186,21 @@ def _named(model: mujoco.MjModel, names: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def _colliding_geoms(model: mujoco.MjModel, body: int) -> list[int]:
-    first, count = model.body_geomadr[body], model.body_geomnum[body]
-    return [g for g in range(first, first + count) if model.geom_contype[g] or model.geom_conaffinity[g]]
+    """Geoms that can touch, of a body and of those that are welded to it, such as a toe to its foot."""
+    colliding = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    welded = model.body_weldid[model.geom_bodyid] == model.body_weldid[body]
+    found: list[int] = np.flatnonzero(colliding & welded).tolist()
+    return found
 
 
 def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> FloatArray:
-    """World positions of points that bound the geom, shape (n, 3)."""
+    """World positions of points that bound the geom, of round ones those below their centres, shape (n, 3)."""
     points: FloatArray
-    if int(model.geom_type[geom]) == int(mujoco.mjtGeom.mjGEOM_SPHERE):
-        points = data.geom_xpos[geom] - np.array([[0.0, 0.0, model.geom_size[geom, 0]]])
+    kind, radius_m = int(model.geom_type[geom]), model.geom_size[geom, 0]
+    if kind in (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE)):
+        half_m = model.geom_size[geom, 1] if kind == int(mujoco.mjtGeom.mjGEOM_CAPSULE) else 0.0
+        axis = data.geom_xmat[geom].reshape(3, 3)[:, 2]
+        points = data.geom_xpos[geom] + np.outer([-half_m, half_m], axis) - np.array([0.0, 0.0, radius_m])
         return points
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
     local = model.geom_aabb[geom, :3] + signs * model.geom_aabb[geom, 3:]
@@ -196,6 +212,8 @@ def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> FloatArra
 def _guess_feet(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[int, int]:
     lowest = {}
     for body in range(1, model.nbody):
+        if model.body_weldid[body] != body:
+            continue
         geoms = _colliding_geoms(model, body)
         if geoms:
             points = np.concatenate([_corners(model, data, geom) for geom in geoms])

@@ -186,7 +186,9 @@ class Stepper:
         foot, landing = state.feet[self._step.side].level_pose, self._step.landing(stance)
         self._landing = replace(landing, position=landing.position - np.array([0.0, 0.0, self._scaled("sink_m")]))
         self.phase, self._start_s, self._duration_s = Phase.SINGLE, time_s, self._step.single_support_s
-        self._swing = SwingTrajectory(foot, self._landing, self._step.single_support_s, self._step.apex_m)
+        self._swing = SwingTrajectory(
+            foot, self._landing, self._step.single_support_s, self._step.apex_m, self._step.landing_m_s
+        )
         self._adjusted_s = time_s
         self._yaw_from, self._yaw_to = _mean_yaw(foot, stance), _mean_yaw(landing, stance)
 

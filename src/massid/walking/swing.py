@@ -44,12 +44,14 @@ class SwingTrajectory:
         end: pose at touchdown.
         duration_s: planned time in the air.
         apex_m: height of the highest point above the higher of start and end.
+        landing_m_s: speed at which the foot comes down at the end of the planned time.
     """
 
     start: FootPose
     end: FootPose
     duration_s: float
     apex_m: float
+    landing_m_s: float = 0.0
 
     def at(self, time_s: float) -> SwingTarget:
         """Target after time_s [s] in the air; goes on downwards when touchdown is late."""
@@ -74,12 +76,19 @@ class SwingTrajectory:
         apex = max(low, high) + self.apex_m
         split = _APEX_AT * self.duration_s
         if time_s > self.duration_s:
-            return high - _LATE_SPEED_M_S * (time_s - self.duration_s), -_LATE_SPEED_M_S, 0.0
+            speed = max(self.landing_m_s, _LATE_SPEED_M_S)
+            return high - speed * (time_s - self.duration_s), -speed, 0.0
         if time_s < split:
             level, rate, second = quintic(time_s, split)
             return low + level * (apex - low), rate * (apex - low), second * (apex - low)
         level, rate, second = quintic(time_s - split, self.duration_s - split)
-        return apex + level * (high - apex), rate * (high - apex), second * (high - apex)
+        late, late_rate, late_second = _moving_end(time_s - split, self.duration_s - split)
+        fall, speed = high - apex, self.landing_m_s
+        return (
+            apex + level * fall - late * speed,
+            rate * fall - late_rate * speed,
+            second * fall - late_second * speed,
+        )
 
 
 def quintic(time_s: float, duration_s: float) -> tuple[float, float, float]:
@@ -92,6 +101,15 @@ def quintic(time_s: float, duration_s: float) -> tuple[float, float, float]:
     value = s**3 * (10 - 15 * s + 6 * s**2)
     rate = 30 * s**2 * (1 - s) ** 2 / duration_s
     second = 60 * s * (1 - s) * (1 - 2 * s) / duration_s**2
+    return value, rate, second
+
+
+def _moving_end(time_s: float, duration_s: float) -> tuple[float, float, float]:
+    """What a quintic gains by ending at a rate of one: value [s], rate, second rate [1/s]; zero at both ends else."""
+    s = time_s / duration_s
+    value = s**3 * (-4 + 7 * s - 3 * s**2) * duration_s
+    rate = s**2 * (-12 + 28 * s - 15 * s**2)
+    second = s * (-24 + 84 * s - 60 * s**2) / duration_s
     return value, rate, second
 
 

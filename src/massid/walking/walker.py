@@ -86,6 +86,7 @@ class Walker:
         self._tasks = Tasks(self._model, self._morphology, self._stand_qpos, self._options.tasks)
         self._qp = WholeBodyQp(self._morphology.torque_limits_nm, self._options.qp)
         self._torques = np.zeros(self._model.nv - 6)
+        self._accelerations = np.zeros(self._model.nv - 6)
         self._start_s: float | None = None
         self._held_until_s = -np.inf
         self.failed_solves = 0
@@ -104,6 +105,16 @@ class Walker:
     def morphology(self) -> Morphology:
         """The robot's parts."""
         return self._morphology
+
+    @property
+    def accelerations(self) -> FloatArray:
+        """Of the joints, that the last torques were to bring about [rad/s^2], in the order of joint_names."""
+        return self._accelerations
+
+    @property
+    def control_period_s(self) -> float:
+        """Torques are held for this long."""
+        return self._options.control_period_s
 
     @property
     def phase(self) -> Phase:
@@ -200,7 +211,7 @@ class Walker:
         if solution is None:
             self.failed_solves += 1
             return
-        self._torques = solution.torques
+        self._torques, self._accelerations = solution.torques, solution.qacc[6:]
         self._torques.flags.writeable = False
 
 
