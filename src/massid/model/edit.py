@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from massid.errors import ModelError
-from massid.typing import FloatArray, IntArray
+from massid.model.scenery import drop_references
+from massid.typing import FloatArray
 
 SOLVER_ITERATIONS = 100
 SOLVER_TOLERANCE = 1e-14
@@ -17,19 +18,6 @@ LINE_SEARCH_ITERATIONS = 50
 """The engine's constraint solver must not add its own error; models shipped for games stop it after 3 iterations."""
 WRENCH_SITE_PREFIX = "massid_wrench/"
 """Of the sites that measured wrenches act at."""
-
-
-def no_single_base(model: mujoco.MjModel, free: IntArray) -> str:
-    """Say how many floating bodies there are, and what to do."""
-    bodies = ", ".join(str(model.body(int(model.jnt_bodyid[j])).name) for j in free) or "none"
-    text = f"expected one body with a free joint (the floating base), found {len(free)} ({bodies})."
-    if len(free):
-        return f"{text} Take the others out of the file: only the robot may float."
-    roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0]
-    if not roots:
-        return text
-    heaviest = max(roots, key=lambda b: float(model.body_subtreemass[b]))
-    return f"{text} Add <freejoint/> to body '{model.body(heaviest).name}'."
 
 
 def unseen_spec(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -146,16 +134,7 @@ def without_joints(spec: mujoco.MjSpec, model: mujoco.MjModel, positions: Mappin
     spec = spec.copy()
     for name in positions:
         _lock_joint(spec, model, data, name)
-    # What refers to a joint that is gone goes as well.
-    for group in (spec.keys, spec.sensors, spec.tuples):
-        for element in list(group):
-            spec.delete(element)
-    for actuator in list(spec.actuators):
-        if actuator.target in positions:
-            spec.delete(actuator)
-    for equality in list(spec.equalities):
-        if equality.type == mujoco.mjtEq.mjEQ_JOINT and {equality.name1, equality.name2} & set(positions):
-            spec.delete(equality)
+    drop_references(spec, set(positions))
     return spec
 
 
@@ -192,6 +171,13 @@ def keep_actuator_dynamics(spec: mujoco.MjSpec) -> None:
         joint.damping = np.asarray(joint.damping) + ratio * np.asarray(actuator.damping)
 
 
+def is_rescaled(spec: mujoco.MjSpec) -> bool:
+    """Whether the compiler does not take the bodies' inertia as it is given."""
+    compiler = spec.compiler
+    rescaled = compiler.settotalmass > 0 or compiler.boundmass > 0 or compiler.boundinertia > 0
+    return bool(rescaled or compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE)
+
+
 def write_bodies(
     spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: Sequence[int], fields: Mapping[str, FloatArray]
 ) -> None:
@@ -204,8 +190,7 @@ def write_bodies(
         fields: MjModel field name -> values, shape (N, *field shape).
     """
     compiler = spec.compiler
-    rescaled = compiler.settotalmass > 0 or compiler.boundmass > 0 or compiler.boundinertia > 0
-    if rescaled or compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+    if is_rescaled(spec):
         bodies = range(1, model.nbody)
         compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
         compiler.settotalmass, compiler.boundmass, compiler.boundinertia = -1.0, 0.0, 0.0

@@ -13,11 +13,12 @@ import numpy as np
 
 from massid.errors import LogError, ModelError, unknown_name
 from massid.model.draft import Draft, realise
-from massid.model.edit import bare_spec, identification_spec, no_single_base, unseen_spec, without_joints, write_bodies
-from massid.model.file import one_line, save_model
+from massid.model.edit import bare_spec, identification_spec, unseen_spec, without_joints, write_bodies
+from massid.model.file import Changes, ModelFile, NewBody, NewJoint, one_line, read_model, save_model
 from massid.model.kinematics import wrenches_in_bodies
 from massid.model.layout import Channels, JointLayout
 from massid.model.realisation import Realisation, write_fields
+from massid.model.scenery import find_base, hold_scenery, name_bodies, without_lost_meshes
 from massid.model.unknowns.unknown import Unknown, unknowns_of
 from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
@@ -31,34 +32,60 @@ class Robot:
     """A robot model with one floating base.
 
     Attributes:
-        spec: the model as loaded; never written to.
+        spec: the robot alone, with everything else held still; never written to.
         model: its compiled form, with nominal masses and without what is only seen.
         source: file name or "spec", for messages.
+        notes: what of the model is not as its file has it, one line each.
+
+    Args:
+        spec: as loaded, or made; not written to.
+        source: its name.
+        file: what it was read from.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, source: str = "spec") -> None:
-        self.spec = spec
+    def __init__(self, spec: mujoco.MjSpec, source: str = "spec", file: ModelFile | None = None) -> None:
         self.source = source
+        self._file = file
+        base = find_base(spec, source).name
+        if not base:
+            raise ModelError(
+                f"{source}: the floating base has no name: give its <body> the name that the log has for it."
+            )
+        self._whole = spec.copy()
+        notes = [*(file.notes if file else ()), *name_bodies(self._whole)]
+        self.spec = self._whole.copy()
+        notes += hold_scenery(self.spec, base)
         try:
-            self.model = unseen_spec(spec).compile()
-        except ValueError as error:
-            raise ModelError(f"{source}: MuJoCo cannot compile it: {one_line(error)}") from error
+            self.model = unseen_spec(self.spec).compile()
+        except ValueError:
+            self.spec, lost = without_lost_meshes(self.spec)
+            self._whole, _ = without_lost_meshes(self._whole)
+            notes += lost
+            try:
+                self.model = unseen_spec(self.spec).compile()
+            except ValueError as error:
+                raise ModelError(f"{source}: MuJoCo cannot compile it: {one_line(error)}") from error
+        self.notes: tuple[str, ...] = tuple(f"{source}: {note}" for note in notes)
         model = self.model
         free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-        if len(free) != 1:
-            raise ModelError(f"{source}: {no_single_base(model, free)}")
         ball = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
         if len(ball):
+            joint = model.joint(int(ball[0]))
+            body, name = model.body(int(model.jnt_bodyid[ball[0]])).name, joint.name or "neck"
             raise ModelError(
-                f"{source}: joint '{model.joint(int(ball[0])).name}' is a ball joint; a joint state holds one number "
-                "per joint, so model it as three hinges."
+                f"{source}: joint '{joint.name}' of '{body}' is a ball joint; a log holds one number per joint: "
+                f'put three hinges in its place, with the names that the log has, such as <joint name="{name}_x" '
+                f'axis="1 0 0"/>, {name}_y and {name}_z, or none if it is held still.'
             )
         root = int(free[0])
         self.root_body: str = model.body(int(model.jnt_bodyid[root])).name
         others = [j for j in range(model.njnt) if j != root]
         self.joint_names: tuple[str, ...] = tuple(model.joint(j).name for j in others)
-        if "" in self.joint_names or not self.root_body:
-            raise ModelError(f"{source}: every joint and the floating base need a name to be matched with a log.")
+        if "" in self.joint_names:
+            body = model.body(int(model.jnt_bodyid[others[self.joint_names.index("")]])).name
+            raise ModelError(
+                f"{source}: a joint of body '{body}' has no name: give it the one that the log has for it."
+            )
         self.layout = JointLayout(
             root_qpos=int(model.jnt_qposadr[root]),
             root_dof=int(model.jnt_dofadr[root]),
@@ -75,17 +102,8 @@ class Robot:
         """
         if isinstance(source, mujoco.MjSpec):
             return cls(source)
-        path = Path(source)
-        if not path.is_file():
-            what = "is a folder" if path.is_dir() else "does not exist"
-            raise ModelError(f"Model file {path} {what}; expected an MJCF (.xml) file.")
-        try:
-            spec = mujoco.MjSpec.from_file(str(path.resolve()))
-        except (ValueError, mujoco.FatalError) as error:
-            raise ModelError(f"{path}: not a model that MuJoCo can read: {one_line(error)}") from error
-        # Fused bodies lose their names; welded ones keep them and move no differently.
-        spec.compiler.fusestatic = False
-        return cls(spec, path.name)
+        spec, file = read_model(Path(source))
+        return cls(spec, Path(source).name, file)
 
     @cached_property
     def drawn(self) -> mujoco.MjModel:
@@ -259,30 +277,73 @@ class Robot:
         wrench = wrenches_in_bodies(self.model, qpos, walk.wrench, walk.contact_bodies, walk.world_wrenches)
         return replace(walk, wrench=wrench, world_wrenches=())
 
-    def write_mjcf(self, space: ParameterSpace, point: FloatArray, path: Path, remark: str = "") -> None:
+    def write_model(
+        self, space: ParameterSpace, point: FloatArray, path: Path, remark: str = "", *, with_assets: bool = False
+    ) -> None:
         """Save the model with the parameters of one point in it; errors of sensors are no part of it.
 
-        Works whether inertia was given or came from geoms. Include files become part of the new file; meshes and
-        textures stay where they are, and the new file says where that is. It is read back before it gets its name.
+        The text of the robot's own file is kept but for what was found, and include files become part of it. Where that
+        cannot hold it, the file is MuJoCo's text of the same robot. A robot from a URDF is saved as a URDF if the path
+        ends so. Meshes and textures stay where they are, and the new file says where that is. It is read back before it
+        gets its name.
 
         Args:
             space: what each coordinate means.
             point: shape (n_p,).
             path: the file.
             remark: a comment at its top; "" for none.
+            with_assets: copy meshes and textures into a folder beside it.
 
         Raises:
             ModelError: the file cannot be written, or does not give the same robot.
         """
-        spec = self.spec.copy()
         unknowns, values = _without_sensors(space, point)
         draft = Draft(self.channels(), unknowns, values[None])
         fields = draft.model_fields()
-        write_bodies(spec, self.model, [body.number for body in draft.bodies.values()], fields)
-        for unknown, value in zip(unknowns, values.tolist(), strict=True):
-            unknown.write_spec(spec, value)
-        checked = ("body_mass", *draft.fields_written)  # principal axes may come back in another order
-        save_model(spec, path, {name: fields[name][0] for name in checked}, remark)
+        numbers = {name: body.number for name, body in draft.bodies.items()}
+
+        def write_spec(spec: mujoco.MjSpec) -> None:
+            write_bodies(spec, self.model, list(numbers.values()), fields)
+            for unknown, value in zip(unknowns, values.tolist(), strict=True):
+                unknown.write_spec(spec, value)
+
+        growth = {name: float(body.growth[0]) for name, body in draft.bodies.items() if body.keeps_frame}
+        every = {self.model.body(b).name: b for b in range(1, self.model.nbody) if self.model.body_mass[b] > 0.0}
+        changes = Changes(
+            bodies=tuple(self._new_body(fields, number, growth.get(name)) for name, number in numbers.items()),
+            every_body=tuple(self._new_body(fields, number, None) for number in every.values()),
+            joints=self._new_joints(draft.fields_written),
+            write_spec=write_spec,
+            # Principal axes may come back in another order.
+            expected={name: fields[name][0] for name in ("body_mass", *draft.fields_written)},
+        )
+        save_model(
+            self._whole, self._file, path, changes, lambda saved: Robot.load(saved).model,
+            remark=remark, with_assets=with_assets,
+        )  # fmt: skip
+
+    def _new_body(self, fields: Mapping[str, FloatArray], number: int, growth: float | None) -> NewBody:
+        """A body of the first of N models."""
+        model = self.model
+        return NewBody(
+            name=model.body(number).name,
+            mass=float(fields["body_mass"][0, number]),
+            growth=growth,
+            centre=fields.get("body_ipos", model.body_ipos[None])[0, number],
+            moments=fields["body_inertia"][0, number],
+            quaternion=fields.get("body_iquat", model.body_iquat[None])[0, number],
+        )
+
+    def _new_joints(self, fields: Mapping[str, FloatArray]) -> tuple[NewJoint, ...] | None:
+        """Numbers of joints that the first of N models has otherwise; None if it has something else otherwise."""
+        model, found = self.model, []
+        for field, values in fields.items():
+            for index in np.flatnonzero(values[0] != getattr(model, field)):
+                if values.ndim != 2 or not field.startswith(("dof_", "jnt_")):
+                    return None
+                joint = int(model.dof_jntid[index]) if field.startswith("dof_") else int(index)
+                found.append(NewJoint(model.joint(joint).name, field, float(values[0, index])))
+        return tuple(found)
 
 
 def _without_sensors(space: ParameterSpace, point: FloatArray) -> tuple[list[Unknown], FloatArray]:
