@@ -163,11 +163,12 @@ def _information(log: PreparedLog, robot: Robot, smoothing_s: float, progress: C
     counted = 0
     for k, (stretch, skipped) in enumerate(stretches):
         for part, errors in bank.replay(walk, stretch):
-            if errors.tangents is None or part.start < stretch.start + skipped:
+            leading = max(0, stretch.start + skipped - part.start)
+            if errors.tangents is None or leading >= len(part) - 1:
                 continue
-            flat = errors.tangents.reshape(len(errors.tangents), -1)
+            flat = errors.tangents[:, leading:].reshape(len(errors.tangents), -1)
             information += bank.timestep_s * (flat @ flat.T)
-            counted += len(part) - 1
+            counted += len(part) - 1 - leading
         progress((k + 1) / len(stretches))
     return information * (walk.duration_s / (counted * walk.timestep_s))
 

@@ -161,14 +161,26 @@ def _lock_joint(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData,
 
 
 def keep_actuator_dynamics(spec: mujoco.MjSpec) -> None:
-    """Hand armature and damping of joint actuators to their joints, since the actuators are about to go."""
+    """Hand armature and damping of actuators to the joints and tendons that they drive: the actuators are about to go.
+
+    What compensates gravity acts passively then. The torques that it made are taken off the measured ones
+    (`Robot.without_compensation`), or they would count twice.
+    """
+    transmission = mujoco.mjtTrn
     for actuator in spec.actuators:
-        joint = spec.joint(actuator.target)
-        if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or joint is None:
+        if actuator.trntype in (transmission.mjTRN_JOINT, transmission.mjTRN_JOINTINPARENT):
+            driven = spec.joint(actuator.target)
+        elif actuator.trntype == transmission.mjTRN_TENDON:
+            driven = spec.tendon(actuator.target)
+        else:
+            continue
+        if driven is None:
             continue
         ratio = float(actuator.gear[0]) ** 2
-        joint.armature += ratio * np.ravel(actuator.armature)[0]
-        joint.damping = np.asarray(joint.damping) + ratio * np.asarray(actuator.damping)
+        driven.armature += ratio * np.ravel(actuator.armature)[0]
+        driven.damping = np.asarray(driven.damping) + ratio * np.asarray(actuator.damping)
+    for joint in spec.joints:
+        joint.actgravcomp = False
 
 
 def is_rescaled(spec: mujoco.MjSpec) -> bool:

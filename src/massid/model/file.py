@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import mujoco
@@ -12,8 +12,7 @@ import numpy as np
 
 from massid.errors import ModelError
 from massid.model.asset_files import copy_assets, move_assets, with_absolute_files
-from massid.model.edit import is_rescaled
-from massid.model.mjcf import inlined, write_mjcf_body, write_mjcf_joint
+from massid.model.mjcf import has_inertial, inlined, write_mjcf_body, write_mjcf_joint
 from massid.model.urdf import SUFFIX, is_urdf, read_urdf, write_urdf_body, write_urdf_joint
 from massid.model.xml_text import XmlText
 from massid.typing import FloatArray
@@ -218,13 +217,14 @@ def _ignores_inertials(text: XmlText) -> bool:
 
 
 def _engines_text(spec: mujoco.MjSpec, changes: Changes) -> XmlText:
-    """MuJoCo's text of the robot with the changes in it, and all digits of what was identified."""
+    """MuJoCo's text of the robot with the changes in it, and all digits of its inertia."""
     spec = with_absolute_files(spec)
-    every = is_rescaled(spec)
     changes.write_spec(spec)
     text = XmlText(str(spec.to_xml()).encode(), spec.modelname)
-    for body in changes.every_body if every else changes.bodies:
-        write_mjcf_body(text, replace(body, growth=None))  # it has grown in the spec
+    changed = {body.name for body in changes.bodies}
+    for body in changes.every_body:
+        if body.name in changed or has_inertial(text, body.name):
+            write_mjcf_body(text, body)
     for joint in changes.joints or ():
         write_mjcf_joint(text, joint)
     return text

@@ -49,3 +49,21 @@ def wrenches_in_bodies(
     for part in (slice(0, 3), slice(3, 6)):
         turned[:, columns, part] = np.einsum("kcji,kcj->kci", rotations, wrench[:, columns, part])
     return turned
+
+
+def compensation_torques(model: mujoco.MjModel, qpos: FloatArray) -> FloatArray:
+    """Generalised forces of actuators that compensate gravity (`actuatorgravcomp`), shape (n, nv) [N m or N].
+
+    Args:
+        model: the robot.
+        qpos: positions in the model's order, shape (n, nq).
+    """
+    data = mujoco.MjData(model)
+    by_actuator = model.jnt_actgravcomp[model.dof_jntid].astype(bool)
+    out = np.zeros((len(qpos), model.nv))
+    for k, row in enumerate(qpos):
+        data.qpos[:] = row
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        out[k, by_actuator] = data.qfrc_gravcomp[by_actuator]
+    return out

@@ -75,6 +75,12 @@ def write_mjcf_body(text: XmlText, body: NewBody) -> bool:
     return True
 
 
+def has_inertial(text: XmlText, body: str) -> bool:
+    """Whether the text gives a body its inertia itself."""
+    element = _only(text, "body", body)
+    return element is not None and element.child("inertial") is not None
+
+
 def write_mjcf_joint(text: XmlText, joint: NewJoint) -> bool:
     """Give a joint its new number; False if the text has no such joint, or several, or no place for it."""
     element, attribute = _only(text, "joint", joint.name), JOINT_ATTRIBUTES.get(joint.field)

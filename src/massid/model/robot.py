@@ -12,10 +12,11 @@ import mujoco
 import numpy as np
 
 from massid.errors import LogError, ModelError, unknown_name
+from massid.model.anatomy import default_links
 from massid.model.draft import Draft, realise
 from massid.model.edit import bare_spec, identification_spec, unseen_spec, without_joints, write_bodies
 from massid.model.file import Changes, ModelFile, NewBody, NewJoint, one_line, read_model, save_model
-from massid.model.kinematics import wrenches_in_bodies
+from massid.model.kinematics import compensation_torques, wrenches_in_bodies
 from massid.model.layout import Channels, JointLayout
 from massid.model.realisation import Realisation, write_fields
 from massid.model.scenery import find_base, hold_scenery, name_bodies, without_lost_meshes
@@ -136,6 +137,14 @@ class Robot:
         """Those of torso, thighs, calves and feet that the robot has under these names."""
         return tuple(link for link in WALKING_LINKS if link in self.links)
 
+    def default_links(self) -> tuple[str, ...]:
+        """The links to weigh if nobody says: trunk, thighs, shanks and feet, by their usual names or by the tree."""
+        usual = self.walking_links()
+        if len(usual) == len(WALKING_LINKS):
+            return usual
+        moving = [link for link in self.links if self.welded_to(link) is None]
+        return default_links(self.model, self.root_body, moving) or usual
+
     @property
     def total_mass_kg(self) -> float:
         """Nominal mass of all moving links [kg]."""
@@ -229,6 +238,40 @@ class Robot:
         except ValueError as error:
             raise ModelError(f"{self.source}: no identification model can be made of it: {one_line(error)}") from error
 
+    @property
+    def compensated_links(self) -> tuple[str, ...]:
+        """Links whose weight joints' actuators take off (`gravcomp` with `actuatorgravcomp`)."""
+        model = self.model
+        if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY or not model.jnt_actgravcomp.any():
+            return ()
+        return tuple(link for link in self.links if model.body_gravcomp[model.body(link).id] != 0.0)
+
+    def lifted_kg(self, masses_kg: Mapping[str, float]) -> float:
+        """Mass that the ground does not carry, because the model compensates its weight (`gravcomp`) [kg].
+
+        Args:
+            masses_kg: by link, where they are not the model file's.
+        """
+        share = {link: float(self.model.body_gravcomp[self.model.body(link).id]) for link in self.links}
+        return sum(share[link] * masses_kg.get(link, self.nominal_mass_kg(link)) for link in self.links)
+
+    def without_compensation(self, walk: Walk) -> Walk:
+        """Return an aligned walk whose torques lack what actuators added to compensate gravity, at nominal masses.
+
+        A joint's torque is that of all its actuators, of this one, too. The identification models have it as a passive
+        force, for the base feels what the joints do not.
+        """
+        if not self.compensated_links:
+            return walk
+        torques = compensation_torques(self.model, self.layout.to_qpos(walk.qpos))
+        return replace(walk, effort=walk.effort - torques[:, self.layout.joint_dof])
+
+    def stepping(self, timestep_s: float) -> Robot:
+        """Return the robot with another time step [s]."""
+        spec = self.spec.copy()
+        spec.option.timestep = timestep_s
+        return Robot(spec, self.source)
+
     def locked(self, positions: Mapping[str, float]) -> Robot:
         """Return the robot with some joints held still, as for fingers that a log does not show.
 
@@ -308,10 +351,10 @@ class Robot:
                 unknown.write_spec(spec, value)
 
         growth = {name: float(body.growth[0]) for name, body in draft.bodies.items() if body.keeps_frame}
-        every = {self.model.body(b).name: b for b in range(1, self.model.nbody) if self.model.body_mass[b] > 0.0}
+        every = [b for b in range(1, self.model.nbody) if self.model.body_mass[b] > 0.0]
         changes = Changes(
             bodies=tuple(self._new_body(fields, number, growth.get(name)) for name, number in numbers.items()),
-            every_body=tuple(self._new_body(fields, number, None) for number in every.values()),
+            every_body=tuple(self._new_body(fields, number, None) for number in every),
             joints=self._new_joints(draft.fields_written),
             write_spec=write_spec,
             # Principal axes may come back in another order.

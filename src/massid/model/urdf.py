@@ -256,10 +256,11 @@ class _Tree:
         if compiler is None:
             compiler = ElementTree.SubElement(extension, "compiler")
         compiler.attrib.pop("meshdir", None)
+        moving = {_name(joint) for joint in self._joints.values() if joint.get("type") in _ONE_AXIS}
         for joint in self._joints.values():
-            if joint.get("type") not in _ONE_AXIS:
-                for mimic in joint.findall("mimic"):  # MuJoCo writes to the terminal about those
-                    joint.remove(mimic)
+            for mimic in joint.findall("mimic"):
+                if not {_name(joint), mimic.get("joint")} <= moving:
+                    joint.remove(mimic)  # MuJoCo writes to the terminal about those
         for name in ("fusestatic", "discardvisual", "strippath"):
             compiler.set(name, "false")
 
