@@ -34,6 +34,8 @@ _RUNGE_KUTTA = (
 _BETTER = 0.5
 _LEAST_ITERATIONS, _LARGEST_TOLERANCE = 30, 1e-6
 """Of a constraint solver that runs to the end: Newton's takes ten at most."""
+_NOTEWORTHY = 1e-3
+"""Share that a solver leaves which masses notice."""
 _MOVING = 0.02
 """Standard deviation of a velocity beyond which a joint is said to move [rad/s]."""
 _LOADED = 0.02  # of the weight: less than this on a body is no stance
@@ -243,7 +245,7 @@ def _of_simulation(robot: Robot, walk: Walk, share: float) -> tuple[str, ...]:
         return ()
     if not takes_stages(robot.model):
         early = stopped_early(robot.model)
-        if early is None or white_level(walk.qvel[:, 6:]) >= CLEAN_VELOCITY:
+        if early is None or share < _NOTEWORTHY or white_level(walk.qvel[:, 6:]) >= CLEAN_VELOCITY:
             return ()
         return (f"{share:.2%} of the force that the motion took stays unexplained: {early}.",)
     if white_level(walk.qvel[:, 6:]) >= CLEAN_VELOCITY:

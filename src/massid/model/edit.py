@@ -132,9 +132,9 @@ def without_joints(spec: mujoco.MjSpec, model: mujoco.MjModel, positions: Mappin
         data.qpos[model.joint(name).qposadr[0]] = position
     mujoco.mj_kinematics(model, data)
     spec = spec.copy()
+    drop_references(spec, set(positions))
     for name in positions:
         _lock_joint(spec, model, data, name)
-    drop_references(spec, set(positions))
     return spec
 
 

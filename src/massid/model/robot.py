@@ -53,14 +53,14 @@ class Robot:
                 f"{source}: the floating base has no name: give its <body> the name that the log has for it."
             )
         self._whole = spec.copy()
-        notes = [*(file.notes if file else ()), *name_bodies(self._whole)]
+        notes = [*(file.notes if file else ()), *name_bodies(self._whole, base)]
         self.spec = self._whole.copy()
         notes += hold_scenery(self.spec, base)
         try:
             self.model = unseen_spec(self.spec).compile()
         except ValueError:
-            self.spec, lost = without_lost_meshes(self.spec)
-            self._whole, _ = without_lost_meshes(self._whole)
+            self.spec, lost = without_lost_meshes(self.spec, source)
+            self._whole, _ = without_lost_meshes(self._whole, source)
             notes += lost
             try:
                 self.model = unseen_spec(self.spec).compile()

@@ -19,17 +19,18 @@ _BALL = mujoco.mjtJoint.mjJNT_BALL
 _SHOWN = 4
 
 
-def name_bodies(spec: mujoco.MjSpec) -> list[str]:
+def name_bodies(spec: mujoco.MjSpec, base: str) -> list[str]:
     """Name bodies that have no name, so that they can be weighed and spoken of.
 
     Args:
         spec: changed.
+        base: name of the robot's floating base.
 
     Returns:
-        What was done, in a line; none if nothing was.
+        Which names bodies of the robot got, in a line; none if none did.
     """
     taken = {body.name for body in spec.bodies}
-    named = []
+    named: list[str] = []
     for body in spec.bodies:
         if body.name:
             continue
@@ -41,6 +42,8 @@ def name_bodies(spec: mujoco.MjSpec) -> list[str]:
         body.name = name
         taken.add(name)
         named.append(name)
+    robot = {body.name for body in _tree(spec.body(base))}
+    named = [name for name in named if name in robot]
     return [f"bodies without a name are called by their joints or parents: {_listed(named)}."] if named else []
 
 
@@ -108,13 +111,14 @@ def hold_scenery(spec: mujoco.MjSpec, base: str) -> list[str]:
     for flex in list(spec.flexes):
         spec.delete(flex)
     for body in held:
-        gone += [joint.name for joint in body.joints]
-        for joint in list(body.joints):
-            spec.delete(joint)
+        gone += [joint.name for joint in body.joints if joint.name]
     if held:
         names = list(dict.fromkeys(_root(body).name for body in held))
         notes.append(f"{_listed(names)} can move but {'is' if len(names) == 1 else 'are'} not the robot: held still.")
-        notes += drop_references(spec, {name for name in gone if name})
+        notes += drop_references(spec, set(gone))
+    for body in held:
+        for joint in list(body.joints):
+            spec.delete(joint)
     return notes + _untie(spec, robot)
 
 
@@ -143,14 +147,14 @@ def _untie(spec: mujoco.MjSpec, robot: set[str]) -> list[str]:
 
 
 def drop_references(spec: mujoco.MjSpec, joints: set[str]) -> list[str]:
-    """Take out what refers to joints that are gone: actuators, equalities, tendons; keyframes, sensors and tuples.
+    """Take out what refers to joints that are about to go: actuators, equalities, tendons; keyframes, sensors, tuples.
 
     Args:
         spec: changed.
         joints: their names.
 
     Returns:
-        What tied a joint that is left to one that is gone, in a line each.
+        What tied a joint that stays to one that goes, in a line each.
     """
     notes = []
     for group in (spec.keys, spec.sensors, spec.tuples):
@@ -181,27 +185,39 @@ def drop_references(spec: mujoco.MjSpec, joints: set[str]) -> list[str]:
     return notes
 
 
-def without_lost_meshes(spec: mujoco.MjSpec) -> tuple[mujoco.MjSpec, list[str]]:
+def without_lost_meshes(spec: mujoco.MjSpec, source: str) -> tuple[mujoco.MjSpec, list[str]]:
     """Return a copy of a spec without meshes and height fields that cannot be read, where no mass follows from them.
 
     Args:
         spec: that does not compile.
+        source: name of the file, for messages.
 
     Returns:
         The copy, and what was left out, in a line; the copy may still not compile.
+
+    Raises:
+        ModelError: a mass follows from one of them.
     """
-    spec, lost = spec.copy(), []
+    spec, lost, touched = spec.copy(), list[str](), False
     for _ in range(1 + len(spec.meshes) + len(spec.hfields)):
         try:
             spec.copy().compile()
             break
         except ValueError as error:
-            gone = _unreadable(spec, str(error))
-        if not gone or any(_weighs(spec, name) for name in gone):
+            said = str(error)
+        gone = _unreadable(spec, said)
+        weighed = [body for body in (_weighs(spec, name) for name in gone) if body]
+        if weighed:
+            raise ModelError(
+                f"{source}: {' '.join(said.split())}; the mass of {weighed[0]} follows from it: put the file there, or "
+                "give that body an <inertial>."
+            )
+        if not gone:
             break
         for body in spec.bodies:
             for geom in list(body.geoms):
                 if geom.meshname in gone or geom.hfieldname in gone:
+                    touched = touched or bool(geom.contype or geom.conaffinity)
                     spec.delete(geom)
         for element in [*spec.meshes, *spec.hfields]:
             if element.name in gone or Path(element.file).stem in gone:
@@ -209,10 +225,11 @@ def without_lost_meshes(spec: mujoco.MjSpec) -> tuple[mujoco.MjSpec, list[str]]:
         lost += gone
     if not lost:
         return spec, []
-    one = len(lost) == 1
+    them = "it" if len(lost) == 1 else "them"
+    contact = f", and contact with {them} is not looked for" if touched else ""
     return spec, [
-        f"mesh{'' if one else 'es'} {_listed(lost)} cannot be read: left out, as no mass follows from "
-        f"{'it' if one else 'them'}; contact with {'it' if one else 'them'} is not looked for."
+        f"mesh{'' if len(lost) == 1 else 'es'} {_listed(lost)} cannot be read: left out, as no mass follows from "
+        f"{them}{contact}."
     ]
 
 
@@ -230,8 +247,8 @@ def _unreadable(spec: mujoco.MjSpec, error: str) -> list[str]:
     return gone
 
 
-def _weighs(spec: mujoco.MjSpec, mesh: str) -> bool:
-    """Whether a mass follows from a mesh."""
+def _weighs(spec: mujoco.MjSpec, mesh: str) -> str | None:
+    """The body whose mass follows from a mesh; None for none."""
     for body in spec.bodies:
         from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
         if body.name == "world" or (body.explicitinertial and not from_geoms):
@@ -240,8 +257,8 @@ def _weighs(spec: mujoco.MjSpec, mesh: str) -> bool:
             low, high = spec.compiler.inertiagrouprange
             given = geom.mass if geom.mass == geom.mass else geom.density
             if geom.meshname == mesh and low <= geom.group <= high and given > 0.0:
-                return True
-    return False
+                return str(body.name)
+    return None
 
 
 def _tree(body: mujoco.MjsBody) -> Iterable[mujoco.MjsBody]:

@@ -200,9 +200,9 @@ class _Tree:
                 (seen if shape.tag == "visual" else touched).add(name)
         notes = []
         if seen:
-            notes.append(f"{_counted(seen)} not be read and will not be drawn; a URDF weighs nothing by meshes.")
+            notes.append(f"{_counted(seen)} cannot be read and will not be drawn; a URDF weighs nothing by meshes.")
         if touched:
-            notes.append(f"{_counted(touched)} not be read: contact between links that have them is not looked for.")
+            notes.append(f"{_counted(touched)} cannot be read: contact between links that have them is not looked for.")
         return notes
 
     def give_mass(self) -> list[str]:
@@ -356,7 +356,7 @@ def _listed(names: Sequence[str]) -> str:
 
 def _counted(meshes: set[str]) -> str:
     first = min(meshes)
-    return f"mesh {first} can" if len(meshes) == 1 else f"{len(meshes)} meshes ({first}, ...) can"
+    return f"mesh {first}" if len(meshes) == 1 else f"{len(meshes)} meshes ({first}, ...)"
 
 
 JOINT_ATTRIBUTES: Mapping[str, str] = {"dof_damping": "damping", "dof_frictionloss": "friction"}
