@@ -151,7 +151,8 @@ class XmlText:
                 tag, text = tag[:-2].rstrip() + b">", text + f"</{one.tag}>".encode()
             cuts.append((one.start, one.opened, tag + text))
         out, at = [], 0
-        for start, end, text in sorted(cuts):
+        # What is put before an element comes first, and what takes out all of it goes before what changes its tag.
+        for start, end, text in sorted(cuts, key=lambda cut: (cut[0], cut[1] > cut[0], -cut[1])):
             if start < at:
                 continue  # inside something that was taken out
             out += [self._content[at:start], text]
