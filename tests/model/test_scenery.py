@@ -132,7 +132,8 @@ def test_a_lost_mesh_that_a_mass_follows_from_is_an_error() -> None:
 
 def test_armature_and_damping_of_actuators_stay_with_what_they_drive() -> None:
     after = (
-        '<tendon><fixed name="rope"><joint joint="l_knee" coef="1"/><joint joint="l_ankle" coef="1"/></fixed></tendon>'
+        '<tendon><fixed name="rope" actuatorfrclimited="true" actuatorfrcrange="-1 1"><joint joint="l_knee" coef="1"/>'
+        '<joint joint="l_ankle" coef="1"/></fixed></tendon>'
         '<actuator><general tendon="rope" armature="0.3" damping="0.1" gear="2"/>'
         '<general jointinparent="r_knee" armature="0.2" gear="3"/></actuator>'
     )
@@ -140,6 +141,7 @@ def test_armature_and_damping_of_actuators_stay_with_what_they_drive() -> None:
     bare = robot.identification_model([])
     assert bare.tendon_armature[0] == pytest.approx(0.3 * 4)
     assert bare.tendon_damping[0] == pytest.approx(0.1 * 4)
+    assert not bare.tendon_actfrclimited.any()
     knee = bare.joint("r_knee").dofadr[0]
     assert bare.dof_armature[knee] == pytest.approx(0.01 + 0.2 * 9)
     data, full = mujoco.MjData(bare), mujoco.MjData(robot.model)

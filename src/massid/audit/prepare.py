@@ -22,6 +22,8 @@ from massid.walk.refine import refined
 from massid.walk.resampling import stamped_earlier
 from massid.walk.white_noise import looks_noisy
 
+_CLEARLY = 0.5
+"""Share of the unexplained force that another reading of a log must leave at most to be believed."""
 _MOST_STEPS = 10
 """A log this many times slower than the model's step is not refined any further."""
 
@@ -68,11 +70,11 @@ def prepare_walk(
     if walk is None:
         walk = source if isinstance(source, Walk) else read_walk(source, topics)
     robot = robot.locked(_locked(robot, walk, topics))
-    walk = _as_modelled(robot, walk)
+    robot, taken_off, notes = _gravity_compensation(robot, walk)
+    walk = robot.without_compensation(robot.align(walk)) if taken_off else walk
     steps, noisy = robot.steps_in(walk.timestep_s), looks_noisy(walk)
-    notes: tuple[str, ...] = ()
     if steps > 1 and not noisy and _steps_with_samples(robot, walk):
-        notes = (
+        notes += (
             f"{walk.source}: it was simulated with steps of its own sample period, {walk.timestep_s:g} s, not with the "
             f"{robot.model.opt.timestep:g} s that the model file has; the models do the same.",
         )
@@ -94,7 +96,8 @@ def prepare_walk(
         notes += (_on_slowness(robot, walk, factor, noisy=noisy, coarse=coarse),)
     lag = audit.lag
     if lag is not None and lag.believed:
-        walk = _as_modelled(robot, _without_lag(source, topics, lag))
+        walk = _without_lag(source, topics, lag)
+        walk = robot.without_compensation(robot.align(walk)) if taken_off else walk
         audit = replace(audit_of(walk), lag=lag)
         notes += (
             f"{walk.source}: against the state, torques are stamped {lag.effort_s * 1e3:+.2f} ms and wrenches "
@@ -116,9 +119,36 @@ def prepare_walk(
     return Prepared(ready, robot, audit)
 
 
-def _as_modelled(robot: Robot, walk: Walk) -> Walk:
-    """The walk with torques as identification models take them."""
-    return robot.without_compensation(robot.align(walk)) if robot.compensated_links else walk
+def _gravity_compensation(robot: Robot, walk: Walk) -> tuple[Robot, bool, tuple[str, ...]]:
+    """What a log makes of `gravcomp`: a joint's torque may be that of all its actuators or of its motors alone.
+
+    A real robot knows nothing of what a model file bears for it.
+
+    Returns:
+        The robot that the log is of, whether to take the compensation off the torques, and what to say.
+    """
+    if not robot.lifted_kg({}):
+        return robot, False, ()
+    aligned = robot.align(walk)
+    by_actuators = bool(robot.compensated_links)
+    weighty = robot.without_gravcomp()
+    rests = {"off": _rest(robot, robot.without_compensation(aligned)) if by_actuators else np.inf}
+    rests |= {"as is": _rest(robot, aligned), "weighty": _rest(weighty, aligned)}
+    usual = "off" if by_actuators else "as is"
+    best = min(rests, key=lambda kind: rests[kind])
+    if best == usual or not rests[best] < _CLEARLY * rests[usual]:
+        return robot, by_actuators, ()
+    if best == "weighty":
+        said = "nothing of the robot's weight was borne by `gravcomp`, so the models have none"
+        return weighty, False, (f"{walk.source}: {said}.",)
+    said = "the logged torques lack what compensates gravity (`actuatorgravcomp`), so nothing is taken off them"
+    return robot, False, (f"{walk.source}: {said}.",)
+
+
+def _rest(robot: Robot, walk: Walk) -> float:
+    """Share of the force that stays unexplained; 0 if the log is too short to say."""
+    balance = measure_balance(robot, walk, lag_margin(walk))
+    return 0.0 if balance is None else check_rest(robot, walk, balance).share
 
 
 def _steps_with_samples(robot: Robot, walk: Walk) -> bool:

@@ -266,6 +266,13 @@ class Robot:
         torques = compensation_torques(self.model, self.layout.to_qpos(walk.qpos))
         return replace(walk, effort=walk.effort - torques[:, self.layout.joint_dof])
 
+    def without_gravcomp(self) -> Robot:
+        """Return the robot with all of its weight."""
+        spec = self.spec.copy()
+        for body in spec.bodies:
+            body.gravcomp = 0.0
+        return Robot(spec, self.source)
+
     def stepping(self, timestep_s: float) -> Robot:
         """Return the robot with another time step [s]."""
         spec = self.spec.copy()
