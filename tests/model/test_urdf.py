@@ -12,6 +12,7 @@ from massid.model.robot import Robot
 from massid.model.unknowns.spaces import parameter_space
 from massid.model.urdf import find_mesh, nearest_inertia
 from massid.typing import FloatArray
+from massid.walk import Walk
 
 PELVIS = """
   <link name="pelvis">
@@ -116,6 +117,61 @@ def test_masses_inertias_and_fixed_links_are_those_of_the_file(walker: Path) -> 
     np.testing.assert_allclose(inertias(model)[model.body("pelvis").id], expected, atol=1e-14)
     assert model.joint("hip").damping[0] == 0.3
     assert model.joint("hip").frictionloss[0] == 0.1
+
+
+FRAMES = '<link name="base"/><link name="imu"/>' + "".join(
+    joint(f"{one}_fixed", "fixed", "base", one) for one in ("pelvis", "imu")
+)
+
+
+def test_a_link_that_is_fixed_to_a_base_without_mass_can_be_weighed(walker: Path) -> None:
+    walker.write_text(urdf(before=FRAMES))
+    robot = Robot.load(walker)
+    assert robot.root_body == "base"
+    assert len(parameter_space(robot, ["pelvis"])) == 1
+    with pytest.raises(ModelError, match="has no mass"):
+        parameter_space(robot, ["base"])
+
+
+def test_a_log_may_have_the_pose_of_any_link_that_is_fixed_to_the_base(walker: Path) -> None:
+    """Poses and twists of `pelvis`, which is below `base` and turned against it."""
+    walker.write_text(
+        urdf(before=FRAMES).replace(
+            'xyz="0 0 -0.4"/><parent link="base"/>', 'xyz="0.1 0.2 -0.4" rpy="0.3 0.2 0.1"/><parent link="base"/>'
+        )
+    )
+    robot = Robot.load(walker)
+    model, data = robot.model, mujoco.MjData(robot.model)
+    rng = np.random.default_rng(0)
+    expected = {"qpos": np.zeros((3, model.nq)), "qvel": rng.normal(size=(3, model.nv))}
+    logged = {name: values.copy() for name, values in expected.items()}
+    velocity = np.empty(6)
+    for k in range(3):
+        data.qpos[:] = expected["qpos"][k] = rng.normal(size=model.nq)
+        mujoco.mj_normalizeQuat(model, data.qpos)
+        expected["qpos"][k], data.qvel[:] = data.qpos, expected["qvel"][k]
+        mujoco.mj_forward(model, data)
+        logged["qpos"][k] = data.qpos
+        logged["qpos"][k, :7] = [*data.body("pelvis").xpos, *data.body("pelvis").xquat]
+        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, model.body("pelvis").id, velocity, 1)
+        turn = data.body("pelvis").xmat.reshape(3, 3)
+        logged["qvel"][k, :3], logged["qvel"][k, 3:6] = turn @ velocity[3:], velocity[:3]
+    walk = Walk(
+        root_body="pelvis",
+        joint_names=robot.joint_names,
+        contact_bodies=("sole",),
+        timestep_s=0.001,
+        stamps_ns=np.arange(3, dtype=np.int64) * 1_000_000,
+        effort=np.zeros((3, 2)),
+        wrench=np.zeros((3, 1, 6)),
+        **logged,
+    )
+    aligned = robot.align(walk)
+    assert aligned.root_body == "base"
+    np.testing.assert_allclose(aligned.qpos[:, :3], expected["qpos"][:, :3], atol=1e-12)
+    overlap = np.abs(np.einsum("ki,ki->k", aligned.qpos[:, 3:7], expected["qpos"][:, 3:7]))
+    np.testing.assert_allclose(overlap, 1.0, atol=1e-12)
+    np.testing.assert_allclose(aligned.qvel, expected["qvel"], atol=1e-12)
 
 
 def test_links_without_inertia_get_none_from_their_shapes(walker: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,8 +12,10 @@ import numpy as np
 
 from massid.errors import ModelError
 from massid.model.asset_files import copy_assets, move_assets, with_absolute_files
+from massid.model.changes import Changes
 from massid.model.mjcf import has_inertial, inlined, write_mjcf_body, write_mjcf_joint
-from massid.model.urdf import SUFFIX, is_urdf, read_urdf, write_urdf_body, write_urdf_joint
+from massid.model.urdf import SUFFIX, is_urdf, read_urdf
+from massid.model.urdf_text import write_urdf_body, write_urdf_joint
 from massid.model.xml_text import XmlText
 from massid.typing import FloatArray
 
@@ -36,61 +38,6 @@ class ModelFile:
     content: bytes
     is_urdf: bool
     notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class NewBody:
-    """A body as it is to be saved.
-
-    Attributes:
-        name: of the body.
-        mass: [kg].
-        growth: factor on the file's rotational inertia if nothing else about it changes; None if more does.
-        centre: centre of mass in the frame of the body, shape (3,) [m].
-        moments: principal moments, shape (3,) [kg m^2].
-        quaternion: attitude of their axes in the body, shape (4,).
-    """
-
-    name: str
-    mass: float
-    growth: float | None
-    centre: FloatArray
-    moments: FloatArray
-    quaternion: FloatArray
-
-
-@dataclass(frozen=True)
-class NewJoint:
-    """A number of a joint that is to be saved.
-
-    Attributes:
-        name: of the joint.
-        field: of MjModel.
-        value: the new one.
-    """
-
-    name: str
-    field: str
-    value: float
-
-
-@dataclass(frozen=True)
-class Changes:
-    """What a saved model has otherwise than its file.
-
-    Attributes:
-        bodies: those that were identified.
-        every_body: all bodies with a mass, for files whose compiler would not take masses as they are given.
-        joints: numbers of joints; None if something else was changed, which only a spec can hold.
-        write_spec: does all of that to a spec.
-        expected: fields of MjModel that the saved file must give.
-    """
-
-    bodies: tuple[NewBody, ...]
-    every_body: tuple[NewBody, ...]
-    joints: tuple[NewJoint, ...] | None
-    write_spec: Callable[[mujoco.MjSpec], None]
-    expected: Mapping[str, FloatArray]
 
 
 def read_model(path: Path) -> tuple[mujoco.MjSpec, ModelFile]:

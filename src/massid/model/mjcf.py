@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from massid.errors import ModelError
+from massid.model.changes import NewBody, NewJoint
 from massid.model.xml_text import Element, XmlText, numbers, tag
-
-if TYPE_CHECKING:
-    from massid.model.file import NewBody, NewJoint
 
 JOINT_ATTRIBUTES = {
     "dof_damping": "damping",

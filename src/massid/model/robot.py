@@ -1,4 +1,4 @@
-"""A floating-base robot from MJCF: its names and masses, its identification model, and what is made of a log for it."""
+"""A floating-base robot from MJCF or URDF: names, masses, its identification model, what is made of a log for it."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ import numpy as np
 
 from massid.errors import LogError, ModelError, unknown_name
 from massid.model.anatomy import default_links
-from massid.model.draft import Draft, realise
-from massid.model.edit import bare_spec, identification_spec, unseen_spec, without_joints, write_bodies
-from massid.model.file import Changes, ModelFile, NewBody, NewJoint, one_line, read_model, save_model
-from massid.model.kinematics import compensation_torques, wrenches_in_bodies
+from massid.model.changes import changes_of
+from massid.model.draft import realise
+from massid.model.edit import bare_spec, identification_spec, unseen_spec, without_joints
+from massid.model.file import ModelFile, one_line, read_model, save_model
+from massid.model.kinematics import compensation_torques, moved_to_root, wrenches_in_bodies
 from massid.model.layout import Channels, JointLayout
 from massid.model.realisation import Realisation, write_fields
 from massid.model.scenery import find_base, hold_scenery, name_bodies, without_lost_meshes
@@ -174,10 +175,16 @@ class Robot:
         raise ModelError(unknown_name("link", link, self.links, self.source))
 
     def welded_to(self, link: str) -> str | None:
-        """The body that a link without a joint of its own moves with; None for a link that moves by itself."""
-        body = self.model.body(link).id
-        moving = int(self.model.body_weldid[body])
-        return None if moving == body else str(self.model.body(moving).name)
+        """The body that a link without a joint of its own moves with; None for a link that moves by itself.
+
+        Of links that are fixed to a body without mass, as to a frame, the heaviest counts as moving by itself.
+        """
+        model = self.model
+        moving = int(model.body_weldid[model.body(link).id])
+        if model.body_mass[moving] == 0.0:
+            moving = int(np.argmax(np.where(model.body_weldid == moving, model.body_mass, 0.0)))
+        name = str(model.body(moving).name)
+        return None if name == link else name
 
     def suggestion(self, link: str) -> str:
         """A question that names the links which come closest, by name and up the tree; "" for none."""
@@ -299,6 +306,8 @@ class Robot:
         Raises:
             LogError: another root body, a missing joint, or a contact body that the model does not have.
         """
+        if walk.root_body != self.root_body and self._moves_with_base(walk.root_body):
+            walk = moved_to_root(walk, self.model, self.root_body)
         if walk.root_body != self.root_body:
             raise LogError(
                 f"{walk.source}: the base pose is that of '{walk.root_body}', but the floating base of {self.source} "
@@ -327,6 +336,11 @@ class Robot:
         wrench = wrenches_in_bodies(self.model, qpos, walk.wrench, walk.contact_bodies, walk.world_wrenches)
         return replace(walk, wrench=wrench, world_wrenches=())
 
+    def _moves_with_base(self, name: str) -> bool:
+        model = self.model
+        weld = {model.body(b).name: int(model.body_weldid[b]) for b in range(1, model.nbody)}
+        return weld.get(name) == weld[self.root_body]
+
     def write_model(
         self, space: ParameterSpace, point: FloatArray, path: Path, remark: str = "", *, with_assets: bool = False
     ) -> None:
@@ -348,52 +362,11 @@ class Robot:
             ModelError: the file cannot be written, or does not give the same robot.
         """
         unknowns, values = _without_sensors(space, point)
-        draft = Draft(self.channels(), unknowns, values[None])
-        fields = draft.model_fields()
-        numbers = {name: body.number for name, body in draft.bodies.items()}
-
-        def write_spec(spec: mujoco.MjSpec) -> None:
-            write_bodies(spec, self.model, list(numbers.values()), fields)
-            for unknown, value in zip(unknowns, values.tolist(), strict=True):
-                unknown.write_spec(spec, value)
-
-        growth = {name: float(body.growth[0]) for name, body in draft.bodies.items() if body.keeps_frame}
-        every = [b for b in range(1, self.model.nbody) if self.model.body_mass[b] > 0.0]
-        changes = Changes(
-            bodies=tuple(self._new_body(fields, number, growth.get(name)) for name, number in numbers.items()),
-            every_body=tuple(self._new_body(fields, number, None) for number in every),
-            joints=self._new_joints(draft.fields_written),
-            write_spec=write_spec,
-            # Principal axes may come back in another order.
-            expected={name: fields[name][0] for name in ("body_mass", *draft.fields_written)},
-        )
+        changes = changes_of(self.channels(), unknowns, values)
         save_model(
             self._whole, self._file, path, changes, lambda saved: Robot.load(saved).model,
             remark=remark, with_assets=with_assets,
         )  # fmt: skip
-
-    def _new_body(self, fields: Mapping[str, FloatArray], number: int, growth: float | None) -> NewBody:
-        """A body of the first of N models."""
-        model = self.model
-        return NewBody(
-            name=model.body(number).name,
-            mass=float(fields["body_mass"][0, number]),
-            growth=growth,
-            centre=fields.get("body_ipos", model.body_ipos[None])[0, number],
-            moments=fields["body_inertia"][0, number],
-            quaternion=fields.get("body_iquat", model.body_iquat[None])[0, number],
-        )
-
-    def _new_joints(self, fields: Mapping[str, FloatArray]) -> tuple[NewJoint, ...] | None:
-        """Numbers of joints that the first of N models has otherwise; None if it has something else otherwise."""
-        model, found = self.model, []
-        for field, values in fields.items():
-            for index in np.flatnonzero(values[0] != getattr(model, field)):
-                if values.ndim != 2 or not field.startswith(("dof_", "jnt_")):
-                    return None
-                joint = int(model.dof_jntid[index]) if field.startswith("dof_") else int(index)
-                found.append(NewJoint(model.joint(joint).name, field, float(values[0, index])))
-        return tuple(found)
 
 
 def _without_sensors(space: ParameterSpace, point: FloatArray) -> tuple[list[Unknown], FloatArray]:

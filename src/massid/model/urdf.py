@@ -8,9 +8,8 @@ is a copy of the file in which all that is said; what could not be kept is said 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
@@ -18,11 +17,7 @@ import mujoco
 import numpy as np
 
 from massid.errors import ModelError
-from massid.model.xml_text import Element, XmlText, numbers
 from massid.typing import FloatArray
-
-if TYPE_CHECKING:
-    from massid.model.file import NewBody, NewJoint
 
 SUFFIX = ".urdf"
 MESH_SUFFIXES = (".stl", ".obj", ".msh")
@@ -36,8 +31,8 @@ _ONE_AXIS = ("revolute", "continuous", "prismatic")
 _LEAST_RADIUS_M = 1e-3
 """Radius of gyration of a link that has mass and no inertia."""
 _ROUNDED = 1e-6
-_PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
-_INDICES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+PAIRS = ("xx", "xy", "xz", "yy", "yz", "zz")
+INDICES = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 _SHOWN = 4
 
 
@@ -230,13 +225,13 @@ class _Tree:
             if inertia is None or not _mass(link):
                 continue
             try:
-                given = [float(inertia.get(f"i{pair}", "0")) for pair in _PAIRS]
+                given = [float(inertia.get(f"i{pair}", "0")) for pair in PAIRS]
             except ValueError as error:
                 raise ModelError(f"{self._path.name}: the inertia of link '{name}' is not six numbers.") from error
             found = nearest_inertia(_matrix(given), _mass(link))
             if found is not None:
                 mended.append(name)
-                for (a, b), pair in zip(_INDICES, _PAIRS, strict=True):
+                for (a, b), pair in zip(INDICES, PAIRS, strict=True):
                     inertia.set(f"i{pair}", repr(float(found[a, b])))
         return [f"no body has the inertia of {_listed(mended)}: the nearest possible one is taken."] if mended else []
 
@@ -315,7 +310,7 @@ def nearest_inertia(inertia: FloatArray, mass: float) -> FloatArray | None:
 
 def _matrix(six: Sequence[float]) -> FloatArray:
     out = np.empty((3, 3))
-    for (a, b), value in zip(_INDICES, six, strict=True):
+    for (a, b), value in zip(INDICES, six, strict=True):
         out[a, b] = out[b, a] = value
     return out
 
@@ -357,57 +352,3 @@ def _listed(names: Sequence[str]) -> str:
 def _counted(meshes: set[str]) -> str:
     first = min(meshes)
     return f"mesh {first}" if len(meshes) == 1 else f"{len(meshes)} meshes ({first}, ...)"
-
-
-JOINT_ATTRIBUTES: Mapping[str, str] = {"dof_damping": "damping", "dof_frictionloss": "friction"}
-"""What a URDF says of a joint besides where it is: field of MjModel -> attribute of <dynamics>."""
-
-
-def write_urdf_body(text: XmlText, body: NewBody) -> bool:
-    """Give a link its new inertia; False if the text has no such link."""
-    element = _named(text, "link", body.name)
-    if element is None:
-        return False
-    inertial = element.child("inertial")
-    mass, inertia = (None, None) if inertial is None else (inertial.child("mass"), inertial.child("inertia"))
-    if mass is not None and inertia is not None and body.growth is not None:
-        text.set(mass, {"value": repr(body.mass)})
-        text.set(inertia, {name: repr(body.growth * float(value)) for name, value in inertia.attributes.items()})
-        return True
-    full = _in_body(body)
-    moments = " ".join(f'i{pair}="{float(full[at])!r}"' for at, pair in zip(_INDICES, _PAIRS, strict=True))
-    written = (
-        f'<inertial><origin xyz="{numbers(body.centre)}" rpy="0 0 0"/><mass value="{body.mass!r}"/>'
-        f"<inertia {moments}/></inertial>"
-    )
-    if inertial is None:
-        text.insert_first(element, written)
-    else:
-        text.replace(inertial, written)
-    return True
-
-
-def write_urdf_joint(text: XmlText, joint: NewJoint) -> bool:
-    """Give a joint its new number; False if the text has no such joint, or no place for it."""
-    element, attribute = _named(text, "joint", joint.name), JOINT_ATTRIBUTES.get(joint.field)
-    if element is None or attribute is None:
-        return False
-    dynamics = element.child("dynamics")
-    if dynamics is None:
-        text.insert_first(element, f'<dynamics {attribute}="{joint.value!r}"/>')
-    else:
-        text.set(dynamics, {attribute: repr(joint.value)})
-    return True
-
-
-def _named(text: XmlText, tag: str, name: str) -> Element | None:
-    """The link or joint of a name."""
-    return next((one for one in text.root.children if one.tag == tag and one.attributes.get("name") == name), None)
-
-
-def _in_body(body: NewBody) -> FloatArray:
-    """Inertia about the centre of mass in the frame of the body, shape (3, 3) [kg m^2]."""
-    rotation = np.empty(9)
-    mujoco.mju_quat2Mat(rotation, body.quaternion)
-    axes = rotation.reshape(3, 3)
-    return np.asarray(axes @ np.diag(body.moments) @ axes.T)
