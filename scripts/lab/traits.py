@@ -177,6 +177,44 @@ def welded_bodies(spec: mujoco.MjSpec, folder: Path) -> None:
     pocket.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.03, 0, 0], mass=1.0, contype=0, conaffinity=0)
 
 
+def scenery(spec: mujoco.MjSpec, folder: Path) -> None:
+    """A door with a motor, a ball and a lamp on a chain; one of the robot's own bodies has no name."""
+    door = spec.worldbody.add_body(name="door", pos=[9, 0, 1])
+    door.add_joint(name="door", axis=[0, 0, 1])
+    spec.add_actuator(name="door", target="door", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    ball = spec.worldbody.add_body(name="ball", pos=[9, 3, 0.2])
+    ball.add_freejoint()
+    lamp = spec.worldbody.add_body(pos=[9, 6, 3])
+    lamp.add_joint(type=mujoco.mjtJoint.mjJNT_BALL)
+    pack = spec.body("torso").add_body(pos=[-0.3, 0, 0.3])
+    for body in (door, ball, lamp, pack):
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0, 0], mass=2.0, contype=0, conaffinity=0)
+
+
+def tied_to_the_world(spec: mujoco.MjSpec, folder: Path) -> None:
+    """A weld that holds the torso, which the simulation has let go."""
+    spec.add_equality(
+        name="hook", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="torso", active=False
+    )
+
+
+def _arm_bodies(spec: mujoco.MjSpec) -> list[mujoco.MjsBody]:
+    return [joint.parent for joint in _one_axis(spec) if "arm" in joint.name]
+
+
+def weightless_arms(spec: mujoco.MjSpec, folder: Path) -> None:
+    """Arms whose weight the model bears."""
+    for body in _arm_bodies(spec):
+        body.gravcomp = 1.0
+
+
+def compensated_arms(spec: mujoco.MjSpec, folder: Path) -> None:
+    """Arms whose weight their actuators bear, and log."""
+    weightless_arms(spec, folder)
+    for joint in _one_axis(spec):
+        joint.actgravcomp = "arm" in joint.name
+
+
 TRAITS: Mapping[str, Callable[[mujoco.MjSpec, Path], None]] = {
     "none": plain,
     "include files, meshes": include_and_meshes,
@@ -194,6 +232,10 @@ TRAITS: Mapping[str, Callable[[mujoco.MjSpec, Path], None]] = {
     "default classes": default_classes,
     "inertia from geoms": inertia_from_geoms,
     "welded bodies": welded_bodies,
+    "scenery": scenery,
+    "tied to the world": tied_to_the_world,
+    "gravcomp": weightless_arms,
+    "actuatorgravcomp": compensated_arms,
 }
 
 

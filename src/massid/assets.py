@@ -40,7 +40,9 @@ def resolve_model(name_or_path: str) -> Path:
         return path
     if name_or_path in models:
         return models[name_or_path]
-    raise ModelError(unknown_name("robot", name_or_path, models, "massid") + " A path to an MJCF file works as well.")
+    raise ModelError(
+        unknown_name("robot", name_or_path, models, "massid") + " A path to an MJCF or URDF file works as well."
+    )
 
 
 def find_model_by_hash(sha256: str) -> Path | None:

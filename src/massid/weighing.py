@@ -74,7 +74,7 @@ def weigh(
     Args:
         logs: MCAP files or walks. Online they follow each other, offline their scores are added.
         robot: the robot with nominal masses; default the shipped model that made the log.
-        links: whose mass is unknown; default torso, thighs, calves and feet, where the robot has links of these names.
+        links: whose mass is unknown; default trunk, thighs, shanks and feet, see `Robot.default_links`.
         unknowns: what else is, as KIND/TARGET (com/LINK, inertia/LINK, payload/BODY@X,Y,Z, friction/JOINT,
             damping/JOINT and others, see `massid.model.unknowns`), or objects of such classes or of a user's own.
         topics: which topic plays which role: a map, a YAML file or the name of a preset; default what massid records.
@@ -194,7 +194,9 @@ class Weighing:
         scanned_columns(asked_of, options.search.scan)
         progress(0.3, "checking")
         with single_threaded():
-            prepared = prepare_walks(sources, complete, topic_map, read, thorough=thorough)
+            prepared = prepare_walks(
+                sources, complete, topic_map, read, thorough=thorough, interpolate=options.noise == "clean"
+            )
             weighed = prepared[0].robot
             asked = parameter_space(weighed, named_links(weighed, links), unknowns)
             parts = [hold_out(one.walk, held_out) for one in prepared]
@@ -203,7 +205,11 @@ class Weighing:
             )
         noisy = isinstance(fitted[0].sensors, NoisySensors)
         is_offline = mode == "offline" or (mode == "auto" and noisy)
-        said = [warning for one in prepared for warning in one.walk.warnings]
+        said = [
+            *complete.notes,
+            *_on_compensation(weighed, asked),
+            *(warning for one in prepared for warning in one.walk.warnings),
+        ]
         return cls(
             complete=complete,
             prepared=prepared,
@@ -332,20 +338,31 @@ def model_path(robot: str | Path | None, walks: Sequence[Walk] = ()) -> Path:
 
 
 def named_links(robot: Robot, links: Sequence[str] | None) -> tuple[str, ...]:
-    """The links to weigh: those named, or those that matter most to walking.
+    """The links to weigh: those named, or those that matter most to walking (`Robot.default_links`).
 
     Raises:
-        BadInputError: none was named, and the robot has none of the usual names.
+        BadInputError: none was named, and the robot has no two legs.
     """
     if links is not None:
         return tuple(links)
-    usual = robot.walking_links()
+    usual = robot.default_links()
     if not usual:
         raise BadInputError(
-            f"{robot.source} has no links named like torso, l_thigh, l_calf or l_foot: name the links to weigh "
-            f"(`links`). It has: {', '.join(robot.links)}."
+            f"{robot.source} has no two legs of three links that reach the ground where it stands: name the links to "
+            f"weigh (`links`). It has: {', '.join(robot.links)}."
         )
     return usual
+
+
+def _on_compensation(robot: Robot, asked: ParameterSpace) -> tuple[str, ...]:
+    """Say so if actuators compensate the weight of links that are asked for."""
+    links = [one.body for one in asked.parameters if isinstance(one, Mass) and one.body in robot.compensated_links]
+    if not links:
+        return ()
+    return (
+        f"{robot.source}: actuators compensate the weight of {', '.join(links)} (`gravcomp`, `actuatorgravcomp`), with "
+        "the mass of the model file as far as is known here; their masses found are off if it was another.",
+    )
 
 
 def _ignore(said: Weighing | str | Verdict) -> None:

@@ -19,7 +19,7 @@ from tests.conftest import Pushed
 def log(pushed: Pushed, tmp_path: Path) -> Path:
     """The small biped's log and model beside each other."""
     walk, path = pushed.walk, tmp_path / "walk.mcap"
-    pushed.robot.write_mjcf(pushed.space, pushed.space.nominal, tmp_path / "robot.xml")
+    pushed.robot.write_model(pushed.space, pushed.space.nominal, tmp_path / "robot.xml")
     names = {"root_body": walk.root_body, "joint_names": walk.joint_names, "contact_bodies": walk.contact_bodies}
     with WalkWriter(path, timestep_s=1e-3, **names) as writer:
         wrenches = {body: walk.wrench[:, c] for c, body in enumerate(walk.contact_bodies)}

@@ -182,7 +182,7 @@ def test_identification_imports_neither_plant_nor_truth() -> None:
 
 def test_identified_model_explains_the_log(pushed: Pushed, tmp_path: Path) -> None:
     result = weigh_online(pushed.walk, pushed.robot, pushed.space, SHORT)
-    pushed.robot.write_mjcf(pushed.space, result.estimate, tmp_path / "identified.xml")
+    pushed.robot.write_model(pushed.space, result.estimate, tmp_path / "identified.xml")
     identified = Robot.load(tmp_path / "identified.xml")
     saved = [identified.nominal_mass_kg(link) for link in LINKS]
     np.testing.assert_allclose(saved, pushed.truth, rtol=1e-6)

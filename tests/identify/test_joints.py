@@ -67,7 +67,7 @@ def test_friction_and_damping_are_found_beside_the_masses(log: tuple[Walk, Float
 
 def test_the_saved_model_has_the_joints_that_were_found(tmp_path: Path) -> None:
     space = parameter_space(NOMINAL, ["torso"], ["friction/l_knee", "damping/r_ankle"])
-    NOMINAL.write_mjcf(space, np.array([20.0, FRICTION_NM, DAMPING]), tmp_path / "saved.xml")
+    NOMINAL.write_model(space, np.array([20.0, FRICTION_NM, DAMPING]), tmp_path / "saved.xml")
     saved = Robot.load(tmp_path / "saved.xml").model
     assert saved.joint("l_knee").frictionloss == pytest.approx(FRICTION_NM)
     assert saved.joint("r_knee").frictionloss == pytest.approx(0.5)
@@ -127,7 +127,7 @@ def test_a_spring_is_found_beside_the_masses(noise: str, tmp_path: Path) -> None
     else:
         assert np.all(np.abs(error) < 4.0 * result.uncertainty.std)
         assert result.uncertainty.std[-1] < 0.5  # N m/rad
-    nominal.write_mjcf(space, result.estimate, tmp_path / "saved.xml")
+    nominal.write_model(space, result.estimate, tmp_path / "saved.xml")
     saved = Robot.load(tmp_path / "saved.xml").model
     assert saved.joint("r_ankle").stiffness == pytest.approx(result.estimate[-1], rel=1e-5)
     assert saved.qpos_spring[saved.joint("r_ankle").qposadr[0]] == pytest.approx(0.2)

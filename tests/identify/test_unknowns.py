@@ -143,7 +143,7 @@ def test_the_saved_model_has_what_was_found(tmp_path: Path) -> None:
     space = parameter_space(NOMINAL, ["torso"], wanted)
     point = space.nominal + 0.2 * space.scale * np.random.default_rng(0).uniform(-1.0, 1.0, len(space))
     point[-1] = PAYLOAD_KG
-    NOMINAL.write_mjcf(space, point, tmp_path / "saved.xml")
+    NOMINAL.write_model(space, point, tmp_path / "saved.xml")
     saved, expected = Robot.load(tmp_path / "saved.xml").model, NOMINAL.model_at(space, point)
     for name in ("body_mass", "body_ipos", "body_inertia", "body_iquat"):
         np.testing.assert_allclose(getattr(saved, name), getattr(expected, name), atol=1e-4, err_msg=name)

@@ -31,7 +31,7 @@ def test_saved_model_has_the_masses_and_inertias_really_changed(source: str, tmp
         robot, links = Robot.load(shipped_models()["atlas"]), ("torso", "l_foot")
     space = mass_space(robot, links)
     point = space.nominal * np.array([1.2, 0.8])
-    robot.write_mjcf(space, point, tmp_path / "identified.xml")
+    robot.write_model(space, point, tmp_path / "identified.xml")
 
     saved = Robot.load(tmp_path / "identified.xml").model
     for link, mass, nominal in zip(links, point, space.nominal, strict=True):
@@ -144,7 +144,7 @@ def test_a_model_with_includes_and_meshes_is_saved_into_another_folder(tmp_path:
     (home / "robot.xml").write_text(WITH_MESHES)
     robot = Robot.load(home / "robot.xml")
     space = mass_space(robot, ["arm"])
-    robot.write_mjcf(space, np.array([1.7]), other / "identified.xml")
+    robot.write_model(space, np.array([1.7]), other / "identified.xml")
     saved = Robot.load(other / "identified.xml")
     assert saved.nominal_mass_kg("arm") == pytest.approx(1.7)
     np.testing.assert_allclose(saved.model.body("arm").inertia, 1.7 * robot.model.body("arm").inertia, rtol=1e-5)
@@ -161,7 +161,7 @@ def test_a_model_that_cannot_be_saved_leaves_the_old_file(tmp_path: Path) -> Non
     (tmp_path / "parts" / "meshes" / "tet.obj").unlink()
     (tmp_path / "old.xml").write_text("old")
     with pytest.raises(ModelError, match=r"old\.xml: the saved model does not load"):
-        robot.write_mjcf(mass_space(robot, ["arm"]), np.array([1.7]), tmp_path / "old.xml")
+        robot.write_model(mass_space(robot, ["arm"]), np.array([1.7]), tmp_path / "old.xml")
     assert (tmp_path / "old.xml").read_text() == "old"
 
 
@@ -170,7 +170,7 @@ def test_rescaled_masses_are_saved_as_they_are(tmp_path: Path) -> None:
     xml = FROM_GEOMS.replace('inertiafromgeom="true"', 'settotalmass="50" boundmass="0.7"')
     robot = Robot(mujoco.MjSpec.from_string(xml))
     space = mass_space(robot, ["arm"])
-    robot.write_mjcf(space, 1.5 * space.nominal, tmp_path / "saved.xml")
+    robot.write_model(space, 1.5 * space.nominal, tmp_path / "saved.xml")
     saved = Robot.load(tmp_path / "saved.xml").model
     expected = robot.model_at(space, 1.5 * space.nominal)
     np.testing.assert_allclose(saved.body_mass, expected.body_mass, rtol=1e-5)

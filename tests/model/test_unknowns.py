@@ -111,7 +111,7 @@ def test_a_saved_model_moves_like_the_one_that_was_written(unknown: Unknown, tmp
     point = space.nominal + 0.2 * space.scale
     if unknown is TWIN_CALVES or not unknown.per_walk:
         assert not _same_motion(ROBOT.model_at(space, point), ROBOT.model)
-    ROBOT.write_mjcf(space, point, tmp_path / "saved.xml")
+    ROBOT.write_model(space, point, tmp_path / "saved.xml")
     assert _same_motion(Robot.load(tmp_path / "saved.xml").model, ROBOT.model_at(space, point))
     if unknown.per_walk:  # the robot is not what its sensors read
         assert _same_motion(ROBOT.model_at(space, point), ROBOT.model)
@@ -119,17 +119,18 @@ def test_a_saved_model_moves_like_the_one_that_was_written(unknown: Unknown, tmp
 
 def test_a_model_that_would_be_saved_without_what_was_found_is_refused(tmp_path: Path) -> None:
     @dataclass(frozen=True)
-    class Armature(Unknown):
-        kind = "armature"
-        title = "armatures"
+    class Rest(Unknown):
+        kind = "rest"
+        title = "rests of springs"
         joint: str
 
         def write(self, draft, values):  # type: ignore[no-untyped-def]
-            draft.field("dof_armature")[:, draft.channels.dof(self.joint)] = values
+            address = draft.channels.model.joint(self.joint).qposadr[0]
+            draft.field("qpos_spring")[:, address] = values
 
-    rotor = Armature("l_knee", nominal=0.01, lower=0.0, upper=1.0, scale=0.01)
-    with pytest.raises(ModelError, match=r"another dof_armature than what was found.*write_spec"):
-        ROBOT.write_mjcf(ParameterSpace((rotor,)), np.array([0.3]), tmp_path / "saved.xml")
+    rest = Rest("l_knee", nominal=0.01, lower=0.0, upper=1.0, scale=0.01)
+    with pytest.raises(ModelError, match=r"another qpos_spring than what was found.*write_spec"):
+        ROBOT.write_model(ParameterSpace((rest,)), np.array([0.3]), tmp_path / "saved.xml")
     assert not list(tmp_path.iterdir())
 
 

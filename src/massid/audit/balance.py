@@ -20,12 +20,14 @@ from massid.model.kinematics import body_rotations
 from massid.model.robot import Robot
 from massid.typing import FloatArray, IntArray
 from massid.walk import Segment, Walk
+from massid.walk.white_noise import white_level
 
 SMOOTHING_S = 0.02
 """Width of the window by which all terms are smoothed before they are compared: differences of noisy velocities."""
 _STRETCH_S = 0.25
 _LEAST_STRETCH = 24
 _RIDGE = 1e-10
+_LEAST_DIRECTION = 1e-9
 LEAST_MASS = 0.05
 """Fitted masses stay above this share of the nominal ones: what the log does not reveal may come out negative."""
 
@@ -44,6 +46,9 @@ class Balance:
         rotation: of each contact body to the world, shape (K, n_c, 3, 3).
         weight: of each degree of freedom in sums of squares, shape (nv,).
         smoothing: number of steps over which terms are smoothed.
+        closed: orthonormal directions in which closed loops and couplings of joints push, padded with zeros, shape (K,
+            nv, n); None if their forces are known. Noise of positions through a stiff tie is a force of any size, so
+            in a log with noise these directions are left out.
     """
 
     rows: IntArray
@@ -55,12 +60,16 @@ class Balance:
     rotation: FloatArray
     weight: FloatArray
     smoothing: int
+    closed: FloatArray | None = None
 
     def smooth(self, terms: FloatArray) -> FloatArray:
         """Smooth along the steps of each stretch, weight the degrees of freedom and flatten, shape (m, ...).
 
         Of the smoothed terms, which overlap, four in a window's width are kept.
         """
+        if self.closed is not None:
+            along = np.einsum("kvm,kv...->km...", self.closed, terms)
+            terms = terms - np.einsum("kvm,km...->kv...", self.closed, along)
         kernel = np.hanning(self.smoothing + 2)[1:-1]
         kernel /= kernel.sum()
         parts = []
@@ -139,7 +148,13 @@ def measure_balance(robot: Robot, walk: Walk, margin: int = 0, steps: int = 1500
     rows = np.concatenate([np.arange(s.start, s.stop) for s in stretches])
     edges = np.cumsum([0, *(len(s) for s in stretches)]).tolist()
     taken = recorded_steps(walk, robot.layout, rows)
-    dynamics = DiscreteInverseDynamics.of(robot, walk.contact_bodies, walk.timestep_s)
+    model = robot.identification_model(walk.contact_bodies)
+    model.opt.timestep = walk.timestep_s
+    closed = None
+    if model.neq and max(white_level(walk.qpos[:, :3]), white_level(walk.qpos[:, 7:])) > 0.0:
+        closed = _closed_directions(model, taken[0])
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+    dynamics = DiscreteInverseDynamics(model, walk.contact_bodies)
     required = dynamics.forces(*taken)
     links = tuple(link for link in robot.links if robot.welded_to(link) is None)
     per_link = _per_link(robot, links, taken, walk.timestep_s)
@@ -157,7 +172,27 @@ def measure_balance(robot: Robot, walk: Walk, margin: int = 0, steps: int = 1500
         rotation=body_rotations(robot.model, taken[0], walk.contact_bodies),
         weight=weight,
         smoothing=smoothing,
+        closed=closed,
     )
+
+
+def _closed_directions(model: mujoco.MjModel, qpos: FloatArray) -> FloatArray:
+    """Orthonormal generalised forces that equality constraints can exert, shape (n, nv, m), zeros where fewer can."""
+    model = copy.copy(model)
+    model.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
+    data = mujoco.MjData(model)
+    out = np.zeros((len(qpos), model.nv, model.nv))
+    widest = 0
+    for k, row in enumerate(qpos):
+        data.qpos[:] = row
+        mujoco.mj_fwdPosition(model, data)
+        rows = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+        jacobian = data.efc_J.reshape(-1, model.nv)[rows]
+        _, values, directions = np.linalg.svd(jacobian, full_matrices=False)
+        rank = int((values > _LEAST_DIRECTION * values.max(initial=0.0)).sum())
+        out[k, :, :rank] = directions[:rank].T
+        widest = max(widest, rank)
+    return out[:, :, :widest]
 
 
 def fitted_model(robot: Robot, walk: Walk, balance: Balance) -> mujoco.MjModel:

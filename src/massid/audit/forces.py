@@ -32,6 +32,10 @@ _RUNGE_KUTTA = (
     "implicitfast is replayed exactly"
 )
 _BETTER = 0.5
+_LEAST_ITERATIONS, _LARGEST_TOLERANCE = 30, 1e-6
+"""Of a constraint solver that runs to the end: Newton's takes ten at most."""
+_NOTEWORTHY = 1e-3
+"""Share that a solver leaves which masses notice."""
 _MOVING = 0.02
 """Standard deviation of a velocity beyond which a joint is said to move [rad/s]."""
 _LOADED = 0.02  # of the weight: less than this on a body is no stance
@@ -44,7 +48,7 @@ class Weight:
     """What the ground carried on average.
 
     Attributes:
-        measured_kg: mean force along gravity, less what lifted the base, over g [kg].
+        measured_kg: mean force along gravity, less what lifted the base, over g; what `gravcomp` bears added [kg].
         nominal_kg: mass of the model [kg].
         tilt_rad: angle between the mean force and the upward vertical [rad].
         loaded: by contact body, share of the samples in which it carried load.
@@ -77,7 +81,8 @@ def check_weight(robot: Robot, walk: Walk) -> Weight:
     on_body = np.linalg.norm(force, axis=2) > _LOADED * robot.total_mass_kg * size
     loaded = {body: float(on_body[inside, c].mean()) for c, body in enumerate(walk.contact_bodies)}
     stances = {body: _landings(walk, on_body[:, c]) for c, body in enumerate(walk.contact_bodies)}
-    return Weight(float(up @ total) / (size + lift), robot.total_mass_kg, tilt, loaded, stances)
+    measured_kg = (float(up @ total) + size * robot.lifted_kg({})) / (size + lift)
+    return Weight(measured_kg, robot.total_mass_kg, tilt, loaded, stances)
 
 
 def _landings(walk: Walk, loaded: FloatArray) -> int:
@@ -163,7 +168,7 @@ def check_rest(robot: Robot, walk: Walk, balance: Balance) -> Rest:
     joints = _by_joint(robot, rest, required.reshape(rest.shape))
     noise = np.hypot(_noise_of(robot, walk, balance, len(rest)), _SURE * _slow_errors(robot, walk, balance))
     if share <= np.hypot(REST, noise / size):
-        return Rest(share, joints, _of_integrator(robot, walk, share))
+        return Rest(share, joints, _of_simulation(robot, walk, share))
     trials = {
         "the forces look as if they were those on the ground (contacts: on: ground)": required - effort + wrench,
         "the torques look as if their sign were turned (effort: scale: -1)": required + effort - wrench,
@@ -231,18 +236,47 @@ def _by_joint(robot: Robot, rest: FloatArray, required: FloatArray) -> dict[str,
     }
 
 
-def _of_integrator(robot: Robot, walk: Walk, share: float) -> tuple[str, ...]:
-    """Say what a small rest comes from if the model's own integrator explains it; under noise, that it adds to it."""
-    if not takes_stages(robot.model) or share < _EXACT:
+def _of_simulation(robot: Robot, walk: Walk, share: float) -> tuple[str, ...]:
+    """Say what a small rest comes from if the model's own integrator or solver explains it.
+
+    Under noise, an integrator adds to it.
+    """
+    if share < _EXACT:
         return ()
+    if not takes_stages(robot.model):
+        early = stopped_early(robot.model)
+        if early is None or share < _NOTEWORTHY or white_level(walk.qvel[:, 6:]) >= CLEAN_VELOCITY:
+            return ()
+        return (f"{share:.2%} of the force that the motion took stays unexplained: {early}.",)
     if white_level(walk.qvel[:, 6:]) >= CLEAN_VELOCITY:
         return (f"{_RUNGE_KUTTA}.",)
     return (f"{share:.2%} of the force that the motion took stays unexplained: {_RUNGE_KUTTA}.",)
 
 
+def stopped_early(model: mujoco.MjModel) -> str | None:
+    """What is to be said of simulations with a model whose solver does not run to the end; None if it does."""
+    option = model.opt
+    settles = option.solver != mujoco.mjtSolver.mjSOL_PGS and option.tolerance <= _LARGEST_TOLERANCE
+    if option.iterations >= _LEAST_ITERATIONS and settles:
+        return None
+    solver = mujoco.mjtSolver(option.solver).name.removeprefix("mjSOL_")
+    return (
+        f"in a simulation with this model the {solver} solver stops after {option.iterations} iterations or at a "
+        f"tolerance of {option.tolerance:g}, before the forces of contacts, friction and limits are found; record with "
+        f'<option solver="Newton" iterations="100" tolerance="1e-10"/>'
+    )
+
+
+def gravity_is_off(model: mujoco.MjModel) -> bool:
+    """Whether nothing weighs anything in a model."""
+    return bool(model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY) or not np.any(model.opt.gravity)
+
+
 def _reason(robot: Robot, worst: list[str]) -> str:
     """What is known to leave such a rest in this model."""
     model = robot.model
+    if gravity_is_off(model):
+        return 'the model has no gravity (<option gravity="..."/>, <flag gravity="disable"/>)'
     if takes_stages(model):
         return _RUNGE_KUTTA
     servos = [
@@ -258,7 +292,9 @@ def _reason(robot: Robot, worst: list[str]) -> str:
             "torque at the start of a step is then not what acted over it; log the torque that makes the step, or use "
             "Euler"
         )
-    return (
+    checked = (
         "check the torques (after gears? without friction?), the joint order, a contact without a wrench topic, and "
         "contact between the robot's own links"
     )
+    early = stopped_early(model)
+    return checked if early is None else f"{early}; else {checked}"

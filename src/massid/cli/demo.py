@@ -24,7 +24,7 @@ class Demo:
     out: Path = field(default_factory=lambda: Path("massid_demo"))
     """Folder to write into; made if it does not exist."""
     robot: str = "atlas"
-    """Shipped robot or MJCF file; an unknown name lists the shipped ones."""
+    """Shipped robot, or MJCF or URDF file; an unknown name lists the shipped ones."""
     seconds: float = 10.0
     """How long to walk [s]."""
     gait: str = "random"

@@ -55,9 +55,9 @@ class Identify:
     logs: tyro.conf.Positional[tuple[Path, ...]]
     """MCAP logs of walks of one robot; online they follow each other, offline their scores are added."""
     model: OptionalModel = None
-    """MJCF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
+    """MJCF or URDF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
     links: OptionalLinks = None
-    """Links to weigh, separated by commas; default torso, thighs, calves and feet."""
+    """Links to weigh, separated by commas; default trunk, thighs, shanks and feet, found in the robot's tree."""
     com: OptionalLinks = None
     """Links whose centre of mass is unknown, too."""
     inertia: OptionalLinks = None
@@ -82,7 +82,9 @@ class Identify:
     """Also fit filtered inverse-dynamics least squares with the same unknowns, to compare with: in --json and in its
     report. It takes about half as long again."""
     save_model: OptionalFile = None
-    """Write the robot's MJCF with the identified masses and inertias."""
+    """Write the robot's model file with the identified masses and inertias: .xml, or .urdf for a robot from a URDF."""
+    copy_assets: bool = False
+    """Copy the meshes and textures of the saved model into a folder beside it."""
     rerun: OptionalFile = None
     """Write a Rerun recording of the walk and of the search."""
     png: OptionalFile = None
@@ -100,7 +102,7 @@ class Identify:
 
         self._check_files(None if self.model is None else resolve_model(self.model))
         truth = Truth.load(self.truth) if self.truth else None
-        heard = _Heard(truth)
+        heard = _Heard(truth, by_default=self.links is None)
         with progress_bar("weighing") as progress, stop_on_interrupt() as stop:
             result = weigh(
                 self.logs,
@@ -124,6 +126,7 @@ class Identify:
 
     def _check_files(self, model: Path | None) -> None:
         """Pass if all that was asked for can be written, and nothing that is read is lost by it."""
+        from massid.model.urdf import SUFFIX, is_urdf
         from massid.result.sidecar import sidecar_path
 
         check_outputs(
@@ -144,6 +147,11 @@ class Identify:
         )
         if self.reference and self.json is None:
             raise BadInputError("--reference goes into --json, which was not asked for.")
+        from_urdf = model is not None and model.is_file() and is_urdf(model.read_bytes())
+        if self.save_model is not None and self.save_model.suffix.lower() == SUFFIX and not from_urdf:
+            raise BadInputError(f"--save-model {self.save_model}: only what was read from a URDF is saved as one.")
+        if self.copy_assets and self.save_model is None:
+            raise BadInputError("--copy-assets goes with --save-model, which was not asked for.")
         check_suffix("--rerun", self.rerun, ".rrd")
         check_suffix("--png", self.png, ".png")
 
@@ -169,7 +177,7 @@ class Identify:
         shows = f", the motion is that of {walk.source}" if len(evidence.walks) > 1 else ""
         document = self._write_json(result, scored) if self.json else None
         if self.save_model:
-            result.save_model(self.save_model)
+            result.save_model(self.save_model, with_assets=self.copy_assets)
             say(f"model: {self.save_model}" + (f" ({result.kept_text})" if result.kept_text else ""))
         if self.rerun:
             from massid.view import write_recording
@@ -211,10 +219,12 @@ class _Heard:
 
     Args:
         truth: whose robot is compared with the one that is weighed, before the verdict; None for no truth.
+        by_default: whether nobody named the links that are weighed.
     """
 
-    def __init__(self, truth: Truth | None) -> None:
+    def __init__(self, truth: Truth | None, *, by_default: bool) -> None:
         self._truth = truth
+        self._by_default = by_default
         self._waiting: list[str] | None = None
 
     def __call__(self, said: Weighing | str | Verdict) -> None:
@@ -223,6 +233,8 @@ class _Heard:
 
         match said:
             case Weighing():
+                if self._by_default:
+                    say(f"links: {', '.join(said.nominal_kg)} (--links names others)")
                 for line in self._truth.check_robot(said.nominal_kg) if self._truth else ():
                     warn(line)
             case str():

@@ -40,7 +40,7 @@ class Inspect:
     log: tyro.conf.Positional[Path]
     """MCAP log of a walk."""
     model: OptionalModel = None
-    """MJCF file of the robot, or the name of a shipped one; default the shipped model that made the log, if any."""
+    """MJCF or URDF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
     topics: OptionalTopics = None
     """Topic map: a YAML file, or a preset such as ros2 or unitree_g1; default what massid records."""
     links: OptionalLinks = None
@@ -72,7 +72,7 @@ class Inspect:
             from massid.weighing import Weighing
 
             job = Weighing.prepare(self.log, robot, links, topics=topics, held_out=0.0, thorough=True)
-            self._print_audit(page, job.prepared[0])
+            self._print_audit(page, job.prepared[0], robot)
             self._print_verdict(page, job)
             if self.html:
                 page.plot_walk(job.prepared[0].walk)
@@ -92,7 +92,7 @@ class Inspect:
         page.section("File", [f"{summary.duration_s:.3f} s", *(summary.warnings or ("no damage",))])
 
     @staticmethod
-    def _print_audit(page: Page, prepared: Prepared) -> None:
+    def _print_audit(page: Page, prepared: Prepared, robot: Robot) -> None:
         audit, walk = prepared.audit, prepared.walk
         weight, kinematics = audit.weight, audit.kinematics
         page.section(
@@ -115,7 +115,7 @@ class Inspect:
                 f"joints: worst {worst[0]} {worst[1]:.2%}" if worst else "joints: none moves",
             ],
         )
-        page.section("Warnings", list(walk.warnings) or ["none"])
+        page.section("Warnings", [*robot.notes, *walk.warnings] or ["none"])
 
     @staticmethod
     def _print_verdict(page: Page, job: Weighing) -> None:

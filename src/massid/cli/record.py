@@ -39,7 +39,7 @@ class Record:
     out: tyro.conf.Positional[Path]
     """Log to write, NAME.mcap."""
     robot: str = "atlas"
-    """Shipped robot or MJCF file; an unknown name lists the shipped ones."""
+    """Shipped robot, or MJCF or URDF file; an unknown name lists the shipped ones."""
     seconds: float = 20.0
     """How long to walk [s]."""
     gait: str = "random"

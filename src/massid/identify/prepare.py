@@ -9,7 +9,7 @@ from massid.errors import BadInputError
 from massid.identify.inference import inference_for
 from massid.identify.logs import PreparedLog
 from massid.identify.options import IdentifyOptions
-from massid.identify.sensing import choose_sensors, clean_doubts
+from massid.identify.sensing import choose_sensors, clean_doubts, coarse_doubts
 from massid.identify.stepping import with_suitable_steps
 from massid.model.robot import Robot
 from massid.model.unknowns.unknown import unknowns_of
@@ -55,6 +55,7 @@ def prepare_logs(
         notes: tuple[str, ...] = ()
         if isinstance(sensors, NoisySensors):
             sensors, notes = with_suitable_steps(sensors, walk, robot, asked)
+            notes = (*coarse_doubts(walk, robot, options, sensors), *notes)
         log = prepare_log(walk, robot, asked, sensors, options)
         logs.append(replace(log, doubts=(*log.doubts, *notes)))
     noisy = [log.walk.source for log in logs if isinstance(log.sensors, NoisySensors)]

@@ -27,18 +27,23 @@ from massid.observer.contact_gate import is_unloaded
 from massid.observer.sensors import ExactSensors, NoisySensors, SensorModel
 from massid.search.parameters import ParameterSpace
 from massid.walk import Walk
-from massid.walk.noise import PRESETS, SensorNoise
+from massid.walk.noise import PRESETS, NoisePreset, SensorNoise
 from massid.walk.resampling import rotation_between
 from massid.walk.white_noise import CLEAN_VELOCITY, looks_noisy, white_level
 
 LEAST_SHARE = 0.01
 """Least noise of a state or a force in a log with noise, as a share of `white`."""
 
+COARSE: NoisePreset = "white"
+"""Sensors as which samples count between which models take several steps."""
+
 
 def choose_sensors(walk: Walk, robot: Robot, options: IdentifyOptions, *, explained: bool = False) -> SensorModel:
     """What the sensors of a log are taken to do: the only place where this is decided.
 
-    With `auto`, white noise is read off the log and slow errors, which no log shows, are those of `realistic`.
+    With `auto`, white noise is read off the log and slow errors, which no log shows, are those of `realistic`. A log
+    without noise whose samples are further apart than the model's steps does not say what happened in between: that is
+    as if `white` sensors had measured it.
 
     Args:
         walk: aligned with the robot.
@@ -48,6 +53,8 @@ def choose_sensors(walk: Walk, robot: Robot, options: IdentifyOptions, *, explai
     """
     if options.noise == "auto":
         noise = None if explained else read_noise(walk, robot)
+        if noise is None and not explained and robot.steps_in(walk.timestep_s) > 1:
+            noise = PRESETS[COARSE]
     else:
         noise = None if options.noise == "clean" else PRESETS[options.noise]
     if noise is None:
@@ -69,6 +76,16 @@ def read_noise(walk: Walk, robot: Robot) -> SensorNoise | None:
     noise = estimate_white_noise(walk)
     noise = replace(noise, joint_velocity=min(noise.joint_velocity, _largest_velocity_noise(robot, walk)))
     return None if noise.joint_velocity < CLEAN_VELOCITY else _floored(noise)
+
+
+def coarse_doubts(walk: Walk, robot: Robot, options: IdentifyOptions, sensors: SensorModel) -> tuple[str, ...]:
+    """Say so if a log without noise is weighed as if it had some."""
+    if options.noise != "auto" or not isinstance(sensors, NoisySensors) or read_noise(walk, robot) is not None:
+        return ()
+    return (
+        f"{walk.source} shows no sensor noise, but its samples are far apart: it is weighed as if `{COARSE}` sensors "
+        "had measured it (`noise=clean` interpolates instead, `noise=realistic` allows for more).",
+    )
 
 
 def clean_doubts(walk: Walk, robot: Robot, options: IdentifyOptions) -> tuple[str, ...]:

@@ -81,7 +81,7 @@ def _unexplained(
         for part, errors in bank.replay(walk, stretch, stop=stretch.stop):
             if errors.diverged.any():
                 return float("inf")
-            if part.start >= settled:
-                total += bank.timestep_s * float((errors.values**2).sum())
-                counted += errors.values.size
+            values = errors.later(settled - part.start).values
+            total += bank.timestep_s * float((values**2).sum())
+            counted += values.size
     return total / max(counted, 1)

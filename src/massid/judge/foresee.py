@@ -159,11 +159,12 @@ def _information(log: PreparedLog, robot: Robot, smoothing_s: float, progress: C
     for k, (stretch, skipped) in enumerate(stretches):
         part, own = _smoothed(walk, stretch, bank.robot, smoothing_s)
         for steps, errors in bank.replay(part, own):
-            if errors.tangents is None or steps.start < own.start + skipped:
+            tangents = errors.later(own.start + skipped - steps.start).tangents
+            if tangents is None:
                 continue
-            flat = errors.tangents.reshape(len(errors.tangents), -1)
+            flat = tangents.reshape(len(tangents), -1)
             information += bank.timestep_s * (flat @ flat.T)
-            counted += len(steps) - 1
+            counted += tangents.shape[1]
         progress((k + 1) / len(stretches))
     return information * (walk.duration_s / (counted * walk.timestep_s))
 

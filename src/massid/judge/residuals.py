@@ -43,9 +43,9 @@ def channel_residuals(result: Result, log: PreparedLog, robot: Robot) -> Residua
     bank.place(np.vstack([point, space.nominal]))
     total, counted = np.zeros((2, 2 * robot.model.nv)), 0
     for part, errors in bank.replay(walk, segment, stop=longest.stop):
-        if part.start >= segment.start + lead:
-            total += bank.timestep_s * np.sum(errors.values**2, axis=1)
-            counted += len(part) - 1
+        values = errors.later(segment.start + lead - part.start).values
+        total += bank.timestep_s * np.sum(values**2, axis=1)
+        counted += values.shape[1]
     identified, nominal = total / counted
     return Residuals(
         _names(robot), _by_channel(robot, nominal), _by_channel(robot, identified), counted * walk.timestep_s

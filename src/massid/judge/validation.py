@@ -144,6 +144,7 @@ def check_total(result: Result, walk: Walk, robot: Robot) -> WeightCheck | None:
     carried_kg, carried_std_kg = _carried(
         robot, replace(walk, wrench=walk.wrench - offset), replace(noise, force_offset=offset_std)
     )
+    carried_kg += robot.lifted_kg(result.estimate_kg)
     return WeightCheck(found_kg, found_std_kg, carried_kg, carried_std_kg)
 
 

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from massid.errors import ModelError
-from massid.typing import FloatArray, IntArray
+from massid.model.scenery import drop_references
+from massid.typing import FloatArray
 
 SOLVER_ITERATIONS = 100
 SOLVER_TOLERANCE = 1e-14
@@ -17,19 +18,6 @@ LINE_SEARCH_ITERATIONS = 50
 """The engine's constraint solver must not add its own error; models shipped for games stop it after 3 iterations."""
 WRENCH_SITE_PREFIX = "massid_wrench/"
 """Of the sites that measured wrenches act at."""
-
-
-def no_single_base(model: mujoco.MjModel, free: IntArray) -> str:
-    """Say how many floating bodies there are, and what to do."""
-    bodies = ", ".join(str(model.body(int(model.jnt_bodyid[j])).name) for j in free) or "none"
-    text = f"expected one body with a free joint (the floating base), found {len(free)} ({bodies})."
-    if len(free):
-        return f"{text} Take the others out of the file: only the robot may float."
-    roots = [b for b in range(1, model.nbody) if model.body_parentid[b] == 0]
-    if not roots:
-        return text
-    heaviest = max(roots, key=lambda b: float(model.body_subtreemass[b]))
-    return f"{text} Add <freejoint/> to body '{model.body(heaviest).name}'."
 
 
 def unseen_spec(spec: mujoco.MjSpec) -> mujoco.MjSpec:
@@ -144,18 +132,9 @@ def without_joints(spec: mujoco.MjSpec, model: mujoco.MjModel, positions: Mappin
         data.qpos[model.joint(name).qposadr[0]] = position
     mujoco.mj_kinematics(model, data)
     spec = spec.copy()
+    drop_references(spec, set(positions))
     for name in positions:
         _lock_joint(spec, model, data, name)
-    # What refers to a joint that is gone goes as well.
-    for group in (spec.keys, spec.sensors, spec.tuples):
-        for element in list(group):
-            spec.delete(element)
-    for actuator in list(spec.actuators):
-        if actuator.target in positions:
-            spec.delete(actuator)
-    for equality in list(spec.equalities):
-        if equality.type == mujoco.mjtEq.mjEQ_JOINT and {equality.name1, equality.name2} & set(positions):
-            spec.delete(equality)
     return spec
 
 
@@ -182,14 +161,33 @@ def _lock_joint(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjData,
 
 
 def keep_actuator_dynamics(spec: mujoco.MjSpec) -> None:
-    """Hand armature and damping of joint actuators to their joints, since the actuators are about to go."""
+    """Hand armature and damping of actuators to the joints and tendons that they drive: the actuators are about to go.
+
+    What compensates gravity acts passively then. The torques that it made are taken off the measured ones
+    (`Robot.without_compensation`), or they would count twice.
+    """
+    transmission = mujoco.mjtTrn
     for actuator in spec.actuators:
-        joint = spec.joint(actuator.target)
-        if actuator.trntype != mujoco.mjtTrn.mjTRN_JOINT or joint is None:
+        if actuator.trntype in (transmission.mjTRN_JOINT, transmission.mjTRN_JOINTINPARENT):
+            driven = spec.joint(actuator.target)
+        elif actuator.trntype == transmission.mjTRN_TENDON:
+            driven = spec.tendon(actuator.target)
+        else:
+            continue
+        if driven is None:
             continue
         ratio = float(actuator.gear[0]) ** 2
-        joint.armature += ratio * np.ravel(actuator.armature)[0]
-        joint.damping = np.asarray(joint.damping) + ratio * np.asarray(actuator.damping)
+        driven.armature += ratio * np.ravel(actuator.armature)[0]
+        driven.damping = np.asarray(driven.damping) + ratio * np.asarray(actuator.damping)
+    for joint in spec.joints:
+        joint.actgravcomp = False
+
+
+def is_rescaled(spec: mujoco.MjSpec) -> bool:
+    """Whether the compiler does not take the bodies' inertia as it is given."""
+    compiler = spec.compiler
+    rescaled = compiler.settotalmass > 0 or compiler.boundmass > 0 or compiler.boundinertia > 0
+    return bool(rescaled or compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE)
 
 
 def write_bodies(
@@ -204,8 +202,7 @@ def write_bodies(
         fields: MjModel field name -> values, shape (N, *field shape).
     """
     compiler = spec.compiler
-    rescaled = compiler.settotalmass > 0 or compiler.boundmass > 0 or compiler.boundinertia > 0
-    if rescaled or compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+    if is_rescaled(spec):
         bodies = range(1, model.nbody)
         compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
         compiler.settotalmass, compiler.boundmass, compiler.boundinertia = -1.0, 0.0, 0.0

@@ -1,47 +1,124 @@
-"""Model files: saving a robot into another folder so that it loads there, and recognising a file."""
+"""Model files: reading MJCF and URDF, saving a robot so that it loads where it lies, and recognising a file."""
 
 from __future__ import annotations
 
 import hashlib
-import os
-from collections.abc import Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
 
 from massid.errors import ModelError
+from massid.model.asset_files import copy_assets, move_assets, with_absolute_files
+from massid.model.changes import Changes
+from massid.model.mjcf import has_inertial, inlined, write_mjcf_body, write_mjcf_joint
+from massid.model.urdf import SUFFIX, is_urdf, read_urdf
+from massid.model.urdf_text import write_urdf_body, write_urdf_joint
+from massid.model.xml_text import XmlText
 from massid.typing import FloatArray
 
 ROUNDING = 2e-5
-"""MJCF text keeps six digits; a mass that comes from geoms is made of several such numbers."""
+"""MuJoCo's own text keeps six digits; a mass that comes from geoms is made of several such numbers."""
 
 
-def save_model(spec: mujoco.MjSpec, path: Path, expected: Mapping[str, FloatArray], remark: str = "") -> None:
-    """Write a spec as an MJCF file that loads from where it lies, and check that it does.
+@dataclass(frozen=True)
+class ModelFile:
+    """A model file as it was read.
+
+    Attributes:
+        path: where it lies.
+        content: what was in it.
+        is_urdf: whether it is a URDF, not an MJCF.
+        notes: what was added to it or left out, one line each.
+    """
+
+    path: Path
+    content: bytes
+    is_urdf: bool
+    notes: tuple[str, ...] = ()
+
+
+def read_model(path: Path) -> tuple[mujoco.MjSpec, ModelFile]:
+    """Read an MJCF or a URDF file.
+
+    Raises:
+        ModelError: it is missing, or no model.
+    """
+    if not path.is_file():
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise ModelError(f"Model file {path} {what}; expected an MJCF (.xml) or a URDF (.urdf) file.")
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"Model file {path} cannot be read: {error.strerror}.") from error
+    if is_urdf(content):
+        spec, notes = read_urdf(content, path)
+        return spec, ModelFile(path, content, True, notes)
+    try:
+        if path.suffix.lower() == ".xml":
+            spec = mujoco.MjSpec.from_file(str(path.resolve()))
+        else:  # MuJoCo goes by the suffix
+            spec = mujoco.MjSpec.from_string(inlined(content, path).decode())
+            spec.modelfiledir = str(path.resolve().parent)
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"{path}: not a model that MuJoCo can read: {one_line(error)}") from error
+    # Fused bodies lose their names; welded ones keep them and move no differently.
+    spec.compiler.fusestatic = False
+    return spec, ModelFile(path, content, False)
+
+
+def save_model(
+    spec: mujoco.MjSpec,
+    file: ModelFile | None,
+    path: Path,
+    changes: Changes,
+    load: Callable[[Path], mujoco.MjModel],
+    *,
+    remark: str = "",
+    with_assets: bool = False,
+) -> None:
+    """Write a robot with changes, in its own file's text if that can hold them, and check that it can be read back.
 
     Args:
-        spec: changed: its asset folders become those of the new file.
+        spec: the robot.
+        file: what it was read from; None for a spec.
         path: where to write; replaced if it exists, left alone if the check fails.
-        expected: fields of MjModel that the file must give when it is read back, masses among them.
+        changes: to the robot.
+        load: reads a file as robots are read.
         remark: a comment at the top; "" for none.
+        with_assets: copy meshes and textures beside the new file.
 
     Raises:
         ModelError: the file cannot be written, cannot be read back, or gives other values.
     """
+    wants_urdf = path.suffix.lower() == SUFFIX
+    if wants_urdf and (file is None or not file.is_urdf):
+        raise ModelError(f"Cannot write {path}: the robot was not read from a URDF; save it as .xml.")
     folder = path.resolve().parent
-    draft = folder / f".{path.name}.partial"
+    draft = folder / f".{path.stem}.partial{path.suffix}"
     try:
-        comment = f"<!-- massid: {remark.replace('--', '- -')} -->\n" if remark else ""
-        draft.write_text(comment + _text(spec, folder))
+        text = _own_text(file, changes, wants_urdf, with_assets) if file is not None else None
+        if text is None and wants_urdf:
+            raise ModelError(f"Cannot write {path}: a URDF has no place for all that was found; save it as .xml.")
+        home = folder if file is None else file.path.resolve().parent
+        if text is None:
+            text, home = _engines_text(spec, changes), folder
+        if with_assets:
+            copy_assets(text, home, path)
+        else:
+            move_assets(text, home, folder)
+        if remark:
+            text.insert_before_root(f"<!-- massid: {remark.replace('--', '- -')} -->\n")
+        draft.write_bytes(text.render())
         for name, content in spec.assets.items():
             asset = folder / name
             if not asset.exists():
                 asset.parent.mkdir(parents=True, exist_ok=True)
                 asset.write_bytes(content if isinstance(content, bytes) else str(content).encode())
-        found = mujoco.MjModel.from_xml_path(str(draft))
-        for name, values in expected.items():
+        found = _loaded(load, draft, path)
+        for name, values in changes.expected.items():
             _check_field(path, name, getattr(found, name), values)
         draft.replace(path)
     except OSError as error:
@@ -52,35 +129,63 @@ def save_model(spec: mujoco.MjSpec, path: Path, expected: Mapping[str, FloatArra
         draft.unlink(missing_ok=True)
 
 
+def _loaded(load: Callable[[Path], mujoco.MjModel], draft: Path, path: Path) -> mujoco.MjModel:
+    try:
+        return load(draft)
+    except ModelError as error:
+        raise ModelError(f"Cannot write {path}: the saved model does not load: {error}") from error
+
+
+def _own_text(file: ModelFile, changes: Changes, as_urdf: bool, with_assets: bool) -> XmlText | None:
+    """The file's own text with the changes in it; None if it cannot hold them."""
+    if changes.joints is None or file.is_urdf != as_urdf:
+        return None
+    if as_urdf:
+        text = XmlText(file.content, file.path.name)
+        done = [write_urdf_body(text, body) for body in changes.bodies]
+        return text if all(done + [write_urdf_joint(text, joint) for joint in changes.joints]) else None
+    text = XmlText(inlined(file.content, file.path), file.path.name)
+    if with_assets and any(text.root.all("model")):
+        return None  # models within the model have asset folders of their own
+    bodies = changes.every_body if _ignores_inertials(text) else changes.bodies
+    done = [write_mjcf_body(text, body) for body in bodies]
+    return text if all(done + [write_mjcf_joint(text, joint) for joint in changes.joints]) else None
+
+
+def _ignores_inertials(text: XmlText) -> bool:
+    """Let the compiler take inertia as it is given; whether it did not."""
+    found = False
+    off = {"settotalmass": "-1", "boundmass": "0", "boundinertia": "0", "inertiafromgeom": "auto"}
+    for compiler in text.root.all("compiler"):
+        given = {name: compiler.attributes[name] for name in off if name in compiler.attributes}
+        found = found or any(value not in (off[name], "false") for name, value in given.items())
+        text.set(compiler, {name: off[name] for name, value in given.items() if value != "false"})
+    return found
+
+
+def _engines_text(spec: mujoco.MjSpec, changes: Changes) -> XmlText:
+    """MuJoCo's text of the robot with the changes in it, and all digits of its inertia."""
+    spec = with_absolute_files(spec)
+    changes.write_spec(spec)
+    text = XmlText(str(spec.to_xml()).encode(), spec.modelname)
+    changed = {body.name for body in changes.bodies}
+    for body in changes.every_body:
+        if body.name in changed or has_inertial(text, body.name):
+            write_mjcf_body(text, body)
+    for joint in changes.joints or ():
+        write_mjcf_joint(text, joint)
+    return text
+
+
 def _check_field(path: Path, name: str, found: FloatArray, expected: FloatArray) -> None:
     if found.shape == expected.shape and np.allclose(found, expected, rtol=ROUNDING, atol=1e-12):
         return
     if name == "body_mass":
-        raise ModelError(f"Cannot write {path}: MuJoCo's text form of this model has other masses than the model.")
+        raise ModelError(f"Cannot write {path}: the text form of this model has other masses than the model.")
     raise ModelError(
-        f"Cannot write {path}: MuJoCo's text form of this model has another {name} than what was found; an unknown "
+        f"Cannot write {path}: the text form of this model has another {name} than what was found; an unknown "
         "that writes it must write it into specs, too (`write_spec`)."
     )
-
-
-def _text(spec: mujoco.MjSpec, folder: Path) -> str:
-    """The spec as MJCF whose asset folders are relative to the folder it will lie in."""
-    has_files = any(
-        element.file for group in (spec.meshes, spec.textures, spec.hfields, spec.skins) for element in group
-    )
-    if not has_files or not spec.modelfiledir:  # assets given in memory keep their names
-        return str(spec.to_xml())
-    home = Path(spec.modelfiledir).resolve()
-    relative = {}
-    for name in ("meshdir", "texturedir"):
-        # Writing the text reads the assets, from where they are now.
-        present = str((home / getattr(spec.compiler, name)).resolve())
-        setattr(spec.compiler, name, present)
-        relative[f"{name}={quoteattr(present)}"] = f"{name}={quoteattr(os.path.relpath(present, folder))}"
-    text = str(spec.to_xml())
-    for found, wanted in relative.items():
-        text = text.replace(found, wanted, 1)
-    return text
 
 
 def one_line(error: Exception) -> str:

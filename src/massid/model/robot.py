@@ -1,4 +1,4 @@
-"""A floating-base robot from MJCF: its names and masses, its identification model, and what is made of a log for it."""
+"""A floating-base robot from MJCF or URDF: names, masses, its identification model, what is made of a log for it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,15 @@ import mujoco
 import numpy as np
 
 from massid.errors import LogError, ModelError, unknown_name
-from massid.model.draft import Draft, realise
-from massid.model.edit import bare_spec, identification_spec, no_single_base, unseen_spec, without_joints, write_bodies
-from massid.model.file import one_line, save_model
-from massid.model.kinematics import wrenches_in_bodies
+from massid.model.anatomy import default_links
+from massid.model.changes import changes_of
+from massid.model.draft import realise
+from massid.model.edit import bare_spec, identification_spec, unseen_spec, without_joints
+from massid.model.file import ModelFile, one_line, read_model, save_model
+from massid.model.kinematics import compensation_torques, moved_to_root, wrenches_in_bodies
 from massid.model.layout import Channels, JointLayout
 from massid.model.realisation import Realisation, write_fields
+from massid.model.scenery import find_base, hold_scenery, name_bodies, without_lost_meshes
 from massid.model.unknowns.unknown import Unknown, unknowns_of
 from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
@@ -31,34 +34,60 @@ class Robot:
     """A robot model with one floating base.
 
     Attributes:
-        spec: the model as loaded; never written to.
+        spec: the robot alone, with everything else held still; never written to.
         model: its compiled form, with nominal masses and without what is only seen.
         source: file name or "spec", for messages.
+        notes: what of the model is not as its file has it, one line each.
+
+    Args:
+        spec: as loaded, or made; not written to.
+        source: its name.
+        file: what it was read from.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, source: str = "spec") -> None:
-        self.spec = spec
+    def __init__(self, spec: mujoco.MjSpec, source: str = "spec", file: ModelFile | None = None) -> None:
         self.source = source
+        self._file = file
+        base = find_base(spec, source).name
+        if not base:
+            raise ModelError(
+                f"{source}: the floating base has no name: give its <body> the name that the log has for it."
+            )
+        self._whole = spec.copy()
+        notes = [*(file.notes if file else ()), *name_bodies(self._whole, base)]
+        self.spec = self._whole.copy()
+        notes += hold_scenery(self.spec, base)
         try:
-            self.model = unseen_spec(spec).compile()
-        except ValueError as error:
-            raise ModelError(f"{source}: MuJoCo cannot compile it: {one_line(error)}") from error
+            self.model = unseen_spec(self.spec).compile()
+        except ValueError:
+            self.spec, lost = without_lost_meshes(self.spec, source)
+            self._whole, _ = without_lost_meshes(self._whole, source)
+            notes += lost
+            try:
+                self.model = unseen_spec(self.spec).compile()
+            except ValueError as error:
+                raise ModelError(f"{source}: MuJoCo cannot compile it: {one_line(error)}") from error
+        self.notes: tuple[str, ...] = tuple(f"{source}: {note}" for note in notes)
         model = self.model
         free = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)
-        if len(free) != 1:
-            raise ModelError(f"{source}: {no_single_base(model, free)}")
         ball = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
         if len(ball):
+            joint = model.joint(int(ball[0]))
+            body, name = model.body(int(model.jnt_bodyid[ball[0]])).name, joint.name or "neck"
             raise ModelError(
-                f"{source}: joint '{model.joint(int(ball[0])).name}' is a ball joint; a joint state holds one number "
-                "per joint, so model it as three hinges."
+                f"{source}: joint '{joint.name}' of '{body}' is a ball joint; a log holds one number per joint: "
+                f'put three hinges in its place, with the names that the log has, such as <joint name="{name}_x" '
+                f'axis="1 0 0"/>, {name}_y and {name}_z, or none if it is held still.'
             )
         root = int(free[0])
         self.root_body: str = model.body(int(model.jnt_bodyid[root])).name
         others = [j for j in range(model.njnt) if j != root]
         self.joint_names: tuple[str, ...] = tuple(model.joint(j).name for j in others)
-        if "" in self.joint_names or not self.root_body:
-            raise ModelError(f"{source}: every joint and the floating base need a name to be matched with a log.")
+        if "" in self.joint_names:
+            body = model.body(int(model.jnt_bodyid[others[self.joint_names.index("")]])).name
+            raise ModelError(
+                f"{source}: a joint of body '{body}' has no name: give it the one that the log has for it."
+            )
         self.layout = JointLayout(
             root_qpos=int(model.jnt_qposadr[root]),
             root_dof=int(model.jnt_dofadr[root]),
@@ -75,17 +104,8 @@ class Robot:
         """
         if isinstance(source, mujoco.MjSpec):
             return cls(source)
-        path = Path(source)
-        if not path.is_file():
-            what = "is a folder" if path.is_dir() else "does not exist"
-            raise ModelError(f"Model file {path} {what}; expected an MJCF (.xml) file.")
-        try:
-            spec = mujoco.MjSpec.from_file(str(path.resolve()))
-        except (ValueError, mujoco.FatalError) as error:
-            raise ModelError(f"{path}: not a model that MuJoCo can read: {one_line(error)}") from error
-        # Fused bodies lose their names; welded ones keep them and move no differently.
-        spec.compiler.fusestatic = False
-        return cls(spec, path.name)
+        spec, file = read_model(Path(source))
+        return cls(spec, Path(source).name, file)
 
     @cached_property
     def drawn(self) -> mujoco.MjModel:
@@ -118,6 +138,14 @@ class Robot:
         """Those of torso, thighs, calves and feet that the robot has under these names."""
         return tuple(link for link in WALKING_LINKS if link in self.links)
 
+    def default_links(self) -> tuple[str, ...]:
+        """The links to weigh if nobody says: trunk, thighs, shanks and feet, by their usual names or by the tree."""
+        usual = self.walking_links()
+        if len(usual) == len(WALKING_LINKS):
+            return usual
+        moving = [link for link in self.links if self.welded_to(link) is None]
+        return default_links(self.model, self.root_body, moving) or usual
+
     @property
     def total_mass_kg(self) -> float:
         """Nominal mass of all moving links [kg]."""
@@ -147,10 +175,16 @@ class Robot:
         raise ModelError(unknown_name("link", link, self.links, self.source))
 
     def welded_to(self, link: str) -> str | None:
-        """The body that a link without a joint of its own moves with; None for a link that moves by itself."""
-        body = self.model.body(link).id
-        moving = int(self.model.body_weldid[body])
-        return None if moving == body else str(self.model.body(moving).name)
+        """The body that a link without a joint of its own moves with; None for a link that moves by itself.
+
+        Of links that are fixed to a body without mass, as to a frame, the heaviest counts as moving by itself.
+        """
+        model = self.model
+        moving = int(model.body_weldid[model.body(link).id])
+        if model.body_mass[moving] == 0.0:
+            moving = int(np.argmax(np.where(model.body_weldid == moving, model.body_mass, 0.0)))
+        name = str(model.body(moving).name)
+        return None if name == link else name
 
     def suggestion(self, link: str) -> str:
         """A question that names the links which come closest, by name and up the tree; "" for none."""
@@ -220,6 +254,47 @@ class Robot:
         except ValueError as error:
             raise ModelError(f"{self.source}: no identification model can be made of it: {one_line(error)}") from error
 
+    @property
+    def compensated_links(self) -> tuple[str, ...]:
+        """Links whose weight joints' actuators take off (`gravcomp` with `actuatorgravcomp`)."""
+        model = self.model
+        if model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY or not model.jnt_actgravcomp.any():
+            return ()
+        return tuple(link for link in self.links if model.body_gravcomp[model.body(link).id] != 0.0)
+
+    def lifted_kg(self, masses_kg: Mapping[str, float]) -> float:
+        """Mass that the ground does not carry, because the model compensates its weight (`gravcomp`) [kg].
+
+        Args:
+            masses_kg: by link, where they are not the model file's.
+        """
+        share = {link: float(self.model.body_gravcomp[self.model.body(link).id]) for link in self.links}
+        return sum(share[link] * masses_kg.get(link, self.nominal_mass_kg(link)) for link in self.links)
+
+    def without_compensation(self, walk: Walk) -> Walk:
+        """Return an aligned walk whose torques lack what actuators added to compensate gravity, at nominal masses.
+
+        A joint's torque is that of all its actuators, of this one, too. The identification models have it as a passive
+        force, for the base feels what the joints do not.
+        """
+        if not self.compensated_links:
+            return walk
+        torques = compensation_torques(self.model, self.layout.to_qpos(walk.qpos))
+        return replace(walk, effort=walk.effort - torques[:, self.layout.joint_dof])
+
+    def without_gravcomp(self) -> Robot:
+        """Return the robot with all of its weight."""
+        spec = self.spec.copy()
+        for body in spec.bodies:
+            body.gravcomp = 0.0
+        return Robot(spec, self.source)
+
+    def stepping(self, timestep_s: float) -> Robot:
+        """Return the robot with another time step [s]."""
+        spec = self.spec.copy()
+        spec.option.timestep = timestep_s
+        return Robot(spec, self.source)
+
     def locked(self, positions: Mapping[str, float]) -> Robot:
         """Return the robot with some joints held still, as for fingers that a log does not show.
 
@@ -239,6 +314,8 @@ class Robot:
         Raises:
             LogError: another root body, a missing joint, or a contact body that the model does not have.
         """
+        if walk.root_body != self.root_body and self._moves_with_base(walk.root_body):
+            walk = moved_to_root(walk, self.model, self.root_body)
         if walk.root_body != self.root_body:
             raise LogError(
                 f"{walk.source}: the base pose is that of '{walk.root_body}', but the floating base of {self.source} "
@@ -267,30 +344,37 @@ class Robot:
         wrench = wrenches_in_bodies(self.model, qpos, walk.wrench, walk.contact_bodies, walk.world_wrenches)
         return replace(walk, wrench=wrench, world_wrenches=())
 
-    def write_mjcf(self, space: ParameterSpace, point: FloatArray, path: Path, remark: str = "") -> None:
+    def _moves_with_base(self, name: str) -> bool:
+        model = self.model
+        weld = {model.body(b).name: int(model.body_weldid[b]) for b in range(1, model.nbody)}
+        return weld.get(name) == weld[self.root_body]
+
+    def write_model(
+        self, space: ParameterSpace, point: FloatArray, path: Path, remark: str = "", *, with_assets: bool = False
+    ) -> None:
         """Save the model with the parameters of one point in it; errors of sensors are no part of it.
 
-        Works whether inertia was given or came from geoms. Include files become part of the new file; meshes and
-        textures stay where they are, and the new file says where that is. It is read back before it gets its name.
+        The text of the robot's own file is kept but for what was found, and include files become part of it. Where that
+        cannot hold it, the file is MuJoCo's text of the same robot. A robot from a URDF is saved as a URDF if the path
+        ends so. Meshes and textures stay where they are, and the new file says where that is. It is read back before it
+        gets its name.
 
         Args:
             space: what each coordinate means.
             point: shape (n_p,).
             path: the file.
             remark: a comment at its top; "" for none.
+            with_assets: copy meshes and textures into a folder beside it.
 
         Raises:
             ModelError: the file cannot be written, or does not give the same robot.
         """
-        spec = self.spec.copy()
         unknowns, values = _without_sensors(space, point)
-        draft = Draft(self.channels(), unknowns, values[None])
-        fields = draft.model_fields()
-        write_bodies(spec, self.model, [body.number for body in draft.bodies.values()], fields)
-        for unknown, value in zip(unknowns, values.tolist(), strict=True):
-            unknown.write_spec(spec, value)
-        checked = ("body_mass", *draft.fields_written)  # principal axes may come back in another order
-        save_model(spec, path, {name: fields[name][0] for name in checked}, remark)
+        changes = changes_of(self.channels(), unknowns, values)
+        save_model(
+            self._whole, self._file, path, changes, lambda saved: Robot.load(saved).model,
+            remark=remark, with_assets=with_assets,
+        )  # fmt: skip
 
 
 def _without_sensors(space: ParameterSpace, point: FloatArray) -> tuple[list[Unknown], FloatArray]:

@@ -177,16 +177,22 @@ class Result:
         status = Status.NOT_CONVERGED if settled else self.status
         return replace(self, stopped=True, status=status)
 
-    def save_model(self, path: Path) -> None:
-        """Save the robot's MJCF with what was found in it; what is not identifiable keeps the model file's value.
+    def save_model(self, path: Path, *, with_assets: bool = False) -> None:
+        """Save the robot's model with what was found in it; what is not identifiable keeps the model file's value.
+
+        Args:
+            path: an .xml file; or a .urdf file, if that is what the robot was read from.
+            with_assets: copy meshes and textures into a folder beside it.
 
         Raises:
             BadInputError: nobody kept the robot.
             ModelError: the file cannot be written, or does not give the same robot.
         """
         if self.evidence is None:
-            raise BadInputError("This result has no robot with it; `Robot.write_mjcf` writes one.")
-        self.evidence.complete.write_mjcf(self.space, self.reported, Path(path), remark=self.kept_text)
+            raise BadInputError("This result has no robot with it; `Robot.write_model` writes one.")
+        self.evidence.complete.write_model(
+            self.space, self.reported, Path(path), remark=self.kept_text, with_assets=with_assets
+        )
 
     @property
     def kept_text(self) -> str:

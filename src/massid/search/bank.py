@@ -46,6 +46,17 @@ class OutputErrors:
     tangents: FloatArray | None = None
     shown: Shown | None = None
 
+    def later(self, first: int) -> OutputErrors:
+        """Those of the steps from the first one asked for on, none of them if there are fewer."""
+        if first <= 0:
+            return self
+        return OutputErrors(
+            values=self.values[:, first:],
+            diverged=self.diverged,
+            tangents=None if self.tangents is None else self.tangents[:, first:],
+            shown=None if self.shown is None else Shown(self.shown.columns, self.shown.values[:, first:]),
+        )
+
 
 class Bank(ABC, Generic[Block]):
     """N identification models (Eq. 3) that run side by side on the same measurements.
