@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,12 +16,13 @@ from massid.typing import BoolArray, FloatArray, IntArray
 
 @dataclass
 class TopicColumns:
-    """Decodes the messages of one topic as they come.
+    """Decodes the messages of one topic as they come, whatever channels they come on.
 
     Attributes:
         source: name of the file, for messages.
-        info: the topic and its schema.
+        info: the topic and its schema; of the first channel if it has several.
         wanted: the fields to gather, by key.
+        name: the topic, and which of its messages these are if they are not all.
         blocks: what was decoded so far, in the order of the file.
         unreadable: messages that could not be decoded.
         unusable: why rows must be left out, with their number, in the order found.
@@ -30,35 +31,55 @@ class TopicColumns:
     source: str
     info: TopicInfo
     wanted: Mapping[str, Sequence[str]]
+    name: str = ""
     blocks: list[Block] = field(default_factory=list)
     unreadable: int = 0
     unusable: list[str] = field(default_factory=list)
     _first_unreadable: str = ""
     _bad: BoolArray | None = None
-    _decoder: Decoder = field(init=False)
+    _decoders: dict[TopicInfo, Decoder] = field(default_factory=dict)
+    _notes: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        try:
-            self._decoder = make_decoder(self.info, self.wanted)
-        except DecodingError as error:
-            raise LogError(f"{self.where}: {error}.") from error
+        self.name = self.name or self.info.topic
 
     @property
     def where(self) -> str:
         """File and topic, for messages."""
-        return f"{self.source}: {self.info.topic}"
+        return f"{self.source}: {self.name}"
 
     def __len__(self) -> int:
         return sum(len(block) for block in self.blocks)
 
-    def receive(self, records: list[bytes]) -> None:
-        """Decode a batch of message records."""
-        for item in self._decoder.decode(records):
+    def receive(self, info: TopicInfo, records: list[bytes]) -> None:
+        """Decode a batch of message records of one of the topic's channels."""
+        if info not in self._decoders:
+            try:
+                self._decoders[info] = make_decoder(info, self.wanted)
+            except DecodingError as error:
+                raise LogError(f"{self.where}: {error}.") from error
+            self._notes += self._decoders[info].notes
+        for item in self._decoders[info].decode(records):
             if isinstance(item, Unreadable):
                 self.unreadable += 1
                 self._first_unreadable = self._first_unreadable or f"sample {len(self)}: {item.reason}"
             else:
                 self.blocks.append(item)
+
+    def parts(self, path: str) -> dict[tuple[str, ...], TopicColumns]:
+        """The messages by the texts that they hold at a path, each kind with columns of its own; of one kind, itself.
+
+        Call it before anything is taken out or marked.
+        """
+        kinds = list(self.texts(path))
+        if len(kinds) <= 1:
+            return dict.fromkeys(kinds, self)
+        return {kind: self.part([kind], path, kind[0] if kind else "") for kind in kinds}
+
+    def part(self, kinds: Collection[tuple[str, ...]], path: str, name: str) -> TopicColumns:
+        """The messages that hold one of these texts at a path, as columns of their own."""
+        blocks = [block for block in self.blocks if block.texts.get(path, ()) in kinds]
+        return TopicColumns(self.source, self.info, self.wanted, f"{self.name} ({name})", blocks)
 
     def check(self) -> None:
         """Pass if any message could be decoded.
@@ -130,7 +151,7 @@ class TopicColumns:
         count, n = int(bad.sum()), len(self)
         if n - int(self._bad.sum()) < 2:
             raise LogError(f"{self.where}: {reason} ({count} of {n} samples are like that).")
-        self.unusable.append(f"{self.info.topic}: {reason}; {count} of {n} samples are like that and left out.")
+        self.unusable.append(f"{self.name}: {reason}; {count} of {n} samples are like that and left out.")
 
     @property
     def left_out(self) -> BoolArray:
@@ -144,7 +165,7 @@ class TopicColumns:
 
     def warnings(self) -> list[str]:
         """What was lost on this topic, one line each."""
-        lines = list(self.unusable)
+        lines = [f"{self.info.topic}: {note}." for note in self._notes] + self.unusable
         if self.unreadable:
             lines.append(
                 f"{self.info.topic}: {self.unreadable} messages cannot be decoded and are left out; the first, "

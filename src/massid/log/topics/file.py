@@ -31,6 +31,7 @@ from massid.log.topics.map import (
     On,
     Order,
     Rate,
+    Silence,
     Source,
     TextField,
     TopicMap,
@@ -39,6 +40,7 @@ from massid.log.topics.map import (
 _LARGEST_BYTES = 1 << 18
 _DEEPEST = 12
 _ROLES = {"base": BASE_STATE, "joints": JOINT_STATE, "contacts": WRENCH}
+_DERIVED = "derived"
 _STREAMS = ("joints", "effort", "wrench")
 _Choice = TypeVar("_Choice", bound=enum.StrEnum)
 
@@ -240,14 +242,18 @@ def _convention(group: _Node, key: str, setting: str) -> _Node:
     return node.child(setting) if isinstance(node.value, dict) else _Node(None, f"{node.where}: {setting}")
 
 
+def _unless_derived(node: _Node, key: str) -> Source | None:
+    return None if node.child(key).value == _DERIVED else _source(node, key, "frame")
+
+
 def _base(node: _Node) -> BaseMap:
     node.mapping(("topic", "body", "position", "orientation", "linear_velocity", "angular_velocity"))
     return BaseMap(
         body=_name(node.child("body")),
         position=_source(node, "position"),
         orientation=_source(node, "orientation", "order"),
-        linear_velocity=_source(node, "linear_velocity", "frame"),
-        angular_velocity=_source(node, "angular_velocity", "frame"),
+        linear_velocity=_unless_derived(node, "linear_velocity"),
+        angular_velocity=_unless_derived(node, "angular_velocity"),
         order=_convention(node, "orientation", "order").choice(Order, Order.XYZW),
         linear_frame=_convention(node, "linear_velocity", "frame").choice(Frame, Frame.BODY),
         angular_frame=_convention(node, "angular_velocity", "frame").choice(Frame, Frame.BODY),
@@ -272,7 +278,7 @@ def _joints(node: _Node) -> JointMap:
 
 
 def _contact(node: _Node) -> ContactMap:
-    node.mapping(("topic", "body", "force", "torque", "on", "frame", "position", "rotation"))
+    node.mapping(("topic", "body", "force", "torque", "on", "frame", "position", "rotation", "silence"))
     fresh = ContactMap()
     x, y, z = node.child("position").numbers(3) if node.has("position") else fresh.position
     rotation = node.child("rotation").numbers(4) if node.has("rotation") else fresh.rotation
@@ -283,10 +289,11 @@ def _contact(node: _Node) -> ContactMap:
     return ContactMap(
         topic=node.child("topic").text(),
         body=_name(node.child("body")) if node.has("body") else fresh.body,
-        force=node.child("force").text() if node.has("force") else fresh.force,
-        torque=node.child("torque").text() if node.has("torque") else fresh.torque,
+        force=node.child("force").texts() if node.has("force") else fresh.force,
+        torque=node.child("torque").texts() if node.has("torque") else fresh.torque,
         on=node.child("on").choice(On, On.ROBOT),
         frame=node.child("frame").choice(Frame, Frame.BODY),
         position=(x, y, z),
         rotation=(w, i, j, k),
+        silence=node.child("silence").choice(Silence, Silence.AUTO),
     )

@@ -33,6 +33,15 @@ class On(enum.StrEnum):
     GROUND = "ground"
 
 
+class Silence(enum.StrEnum):
+    """What it means that a contact topic holds no message while the log goes on."""
+
+    AUTO = "auto"
+    """No force if the readings before every silence fade and the sensor never reads zero, else loss."""
+    ZERO = "zero"
+    LOST = "lost"
+
+
 class Rate(enum.StrEnum):
     """The clock of a walk whose topics have clocks of their own."""
 
@@ -80,8 +89,8 @@ class BaseMap:
         body: name of the base body, or where the messages of `position` hold it.
         position: origin of the body in the world [m].
         orientation: attitude of the body in the world.
-        linear_velocity: velocity of that origin [m/s].
-        angular_velocity: turn rate of the body [rad/s].
+        linear_velocity: velocity of that origin [m/s]; None if it is to be derived from the positions.
+        angular_velocity: turn rate of the body [rad/s]; None if it is to be derived from the attitudes.
         order: of the attitude's numbers.
         linear_frame: in which frame the linear velocity is expressed.
         angular_frame: in which frame the angular velocity is expressed.
@@ -90,17 +99,17 @@ class BaseMap:
     body: str | TextField
     position: Source
     orientation: Source
-    linear_velocity: Source
-    angular_velocity: Source
+    linear_velocity: Source | None
+    angular_velocity: Source | None
     order: Order = Order.XYZW
     linear_frame: Frame = Frame.BODY
     angular_frame: Frame = Frame.BODY
 
     @property
     def sources(self) -> dict[str, Source]:
-        """Source of each quantity by name."""
+        """Source of each quantity that is logged, by name."""
         names = ("position", "orientation", "linear_velocity", "angular_velocity")
-        return {name: getattr(self, name) for name in names}
+        return {name: source for name in names if (source := getattr(self, name)) is not None}
 
 
 @dataclass(frozen=True)
@@ -141,22 +150,24 @@ class ContactMap:
     Attributes:
         topic: name of the topic; `*` stands for anything, as in /contact/*.
         body: name of the body, or where the messages hold it.
-        force: path of the force [N].
-        torque: path of the moment [N m].
+        force: path of the force [N], or of each of its components.
+        torque: path of the moment [N m], or of each of its components.
         on: what the force acts on.
         frame: in which frame the wrench is expressed.
         position: origin of the sensor in the body's frame [m].
         rotation: attitude of the sensor in the body's frame (wxyz).
+        silence: what it means that there is no message for a while.
     """
 
     topic: str = "/contact/*"
     body: str | TextField = TextField("header.frame_id")
-    force: str = "wrench.force"
-    torque: str = "wrench.torque"
+    force: tuple[str, ...] = ("wrench.force",)
+    torque: tuple[str, ...] = ("wrench.torque",)
     on: On = On.ROBOT
     frame: Frame = Frame.BODY
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    silence: Silence = Silence.AUTO
 
     def matches(self, topic: str) -> bool:
         """Tell whether a topic is one of these."""
@@ -210,21 +221,23 @@ class TopicMap:
                 for quantity, source in group.sources.items():
                     yield role, quantity, source
 
-    def contact(self, topic: str) -> ContactMap | None:
-        """Return the contact map that a topic belongs to."""
-        return next((contact for contact in self.contacts if contact.matches(topic)), None)
+    def contacts_of(self, topic: str) -> dict[str, ContactMap]:
+        """Return the contact maps that a topic belongs to, by a key of their own.
+
+        Those that name the topic go before patterns, and the first pattern before the others.
+        """
+        fitting = [contact for contact in self.contacts if contact.matches(topic)]
+        named = [contact.topic for contact in fitting if contact.topic == topic] or [c.topic for c in fitting[:1]]
+        return {f"wrench {k}": contact for k, contact in enumerate(self.contacts) if contact.topic in named}
 
     def uses(self, topic: str) -> bool:
         """Tell whether a topic plays any role."""
-        return any(source.topic == topic for _, _, source in self.sources()) or self.contact(topic) is not None
+        return any(source.topic == topic for _, _, source in self.sources()) or bool(self.contacts_of(topic))
 
     def fields(self, topic: str) -> dict[str, tuple[str, ...]]:
         """Return the fields that are wanted from a topic, by a key of their own."""
         wanted = {f"{role} {quantity}": s.fields for role, quantity, s in self.sources() if s.topic == topic}
-        contact = self.contact(topic)
-        if contact is not None:
-            wanted["wrench"] = (contact.force, contact.torque)
-        return wanted
+        return wanted | {key: (*c.force, *c.torque) for key, c in self.contacts_of(topic).items()}
 
 
 def contact_topic(prefix: str, body: str, taken: Collection[str]) -> str:
