@@ -368,8 +368,7 @@ def test_samples_missing_on_one_topic_are_left_out_and_counted(foreign):
     walk = read_walk(log.write())
     assert_bridged(walk, make_samples(N), [20, 21])
     assert walk.warnings == (
-        f"{log.path}: /contact/l_foot: 2 of 40 samples are missing, at most 3 in a row; they were bridged by "
-        "interpolation.",
+        f"{log.path}: /contact/l_foot: 2 of 40 samples are missing, no more than 3 in a row; bridged by interpolation.",
     )
     # a force in between is on the line between its neighbours; what the other topics hold stays as it is
     left = make_samples(N).wrenches["l_foot"]

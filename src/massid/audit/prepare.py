@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from massid.audit.forces import check_torques
 from massid.audit.inner_steps import FACTOR, with_inner_steps
 from massid.audit.lag import Lag, lag_margin
+from massid.audit.names import without_prefix
 from massid.audit.report import Audit, audit_walk
 from massid.errors import BadInputError, LogError
 from massid.log import TopicMap, read_walk
@@ -63,9 +65,11 @@ def prepare_walk(
     topics = topics or TopicMap()
     if walk is None:
         walk = source if isinstance(source, Walk) else read_walk(source, topics)
+    walk = without_prefix(walk, robot)
     robot = robot.locked(_locked(robot, walk, topics))
     steps, noisy = min(robot.steps_in(walk.timestep_s), _MOST_STEPS), looks_noisy(walk)
     factor = 1 if noisy else steps  # interpolated noise looks like motion, and the log like one without noise
+    check_torques(robot, walk, _passive(walk, topics))
     audit = audit_walk(robot, refined(walk, factor), thorough=thorough)
     notes: tuple[str, ...] = ()
     if factor > 1:
@@ -82,7 +86,7 @@ def prepare_walk(
         )
     lag = audit.lag
     if lag is not None and lag.believed:
-        walk = _without_lag(source, topics, lag)
+        walk = without_prefix(_without_lag(source, topics, lag), robot)
         audit = replace(audit_walk(robot, refined(walk, factor), thorough=thorough), lag=lag)
         notes += (
             f"{walk.source}: against the state, torques are stamped {lag.effort_s * 1e3:+.2f} ms and wrenches "
@@ -173,6 +177,12 @@ def prepare_walks(
                 "several logs need one set of joints; `ignore` and `locked` in a topic map leave joints out."
             )
     return prepared
+
+
+def _passive(walk: Walk, topics: TopicMap) -> tuple[str, ...]:
+    """Joints that the topic map says have no actuator."""
+    patterns = topics.joints.passive if topics.joints is not None else ()
+    return tuple(name for name in walk.joint_names if any(fnmatchcase(name, pattern) for pattern in patterns))
 
 
 def _locked(robot: Robot, walk: Walk, topics: TopicMap) -> dict[str, float]:

@@ -73,7 +73,8 @@ def audit_walk(robot: Robot, walk: Walk, *, thorough: bool = False) -> Audit:
         lag = estimate_lag(robot, walk, balance)
         if lag is None or not lag.believed:
             rest = check_rest(robot, walk, balance)
-            lines += rest.suspicions
+            # With a wrong state no force fits: then the state's own suspicion is the one to follow.
+            lines += rest.suspicions if not kinematics.suspicions or rest.names_a_setting else ()
         if thorough:
             one_step = one_step_residual(robot, walk, balance)
     warnings = tuple(f"{walk.source}: {line}" for line in lines)

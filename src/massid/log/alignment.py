@@ -147,7 +147,7 @@ def _bridged(
             bridgeable[:] = False
         elif count:
             lines.append(
-                f"{name}: {count} of {len(union)} samples are missing, at most {most} in a row; they were bridged by "
+                f"{name}: {count} of {len(union)} samples are missing, no more than {most} in a row; bridged by "
                 "interpolation."
             )
         kept &= ~lost | bridgeable

@@ -153,6 +153,19 @@ class TopicColumns:
             raise LogError(f"{self.where}: {reason} ({count} of {n} samples are like that).")
         self.unusable.append(f"{self.name}: {reason}; {count} of {n} samples are like that and left out.")
 
+    def bridge(self, holes: BoolArray, reason: str) -> None:
+        """Say that single values of rows are interpolated.
+
+        Args:
+            holes: which rows, shape (n,).
+            reason: what is wrong with the first of them.
+        """
+        count = int(holes.sum())
+        self.unusable.append(
+            f"{self.name}: {reason}; {count} of {len(self)} samples are like that, one by one; bridged by "
+            "interpolation."
+        )
+
     @property
     def left_out(self) -> BoolArray:
         """Rows marked as unusable so far, shape (n,)."""

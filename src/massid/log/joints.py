@@ -110,10 +110,12 @@ def read_joints(layout: JointMap, topics: Mapping[str, TopicColumns], lag_s: Map
             if held:
                 _silence(values, [k for k, name in enumerate(called) if _any(layout.passive, name)])
             what = [f"{quantity} of joint '{name}'" for name in called]
-            check_finite(own, values, what, _NO_EFFORT if held else "")
+            holes = check_finite(own, values, what, _NO_EFFORT if held else "", apart=True)
             if source.scale != 1.0:
                 values *= source.scale
-            signal = Signal(own, values, held, lag_s.get("effort" if held else "joints", 0.0))
+            if held and layout.gears:
+                values *= [_gear(layout.gears, name) for name in called]
+            signal = Signal(own, values, held, lag_s.get("effort" if held else "joints", 0.0), holes)
             parts[quantity].append(Part(signal, [kept.index(name) for name in here]))
     return Joints(names, parts["position"], parts["velocity"], parts["effort"])
 
@@ -124,6 +126,10 @@ def _silence(effort: FloatArray, passive: list[int]) -> None:
         bad = np.isnan(effort).all(axis=1)
         effort[:, passive] = 0.0
         effort[bad] = np.nan
+
+
+def _gear(gears: Mapping[str, float], name: str) -> float:
+    return next((ratio for pattern, ratio in gears.items() if fnmatchcase(name, pattern)), 1.0)
 
 
 def _any(patterns: Sequence[str], *names: str) -> bool:

@@ -215,7 +215,7 @@ class _Reader:
         settled = settle(streams, self.source)
         self.warnings += settled.warnings
         for signal in (*signals, *pushed):
-            signal.settle(settled.rows[signal.stream])
+            signal.settle(settled.rows[signal.stream], settled.streams[signal.stream].stamps_ns)
         streams = dict(settled.streams)
         base = streams[signals[0].stream].stamps_ns
         for name in {contact.signal.stream: None for contact in contacts}:

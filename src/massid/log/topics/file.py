@@ -261,10 +261,10 @@ def _base(node: _Node) -> BaseMap:
 
 
 def _joints(node: _Node) -> JointMap:
-    keys = ("topic", "names", "position", "velocity", "effort", "rename", "ignore", "locked", "passive")
+    keys = ("topic", "names", "position", "velocity", "effort", "rename", "ignore", "locked", "passive", "gears")
     node.mapping(keys)
     names = node.child("names")
-    rename, locked = node.child("rename"), node.child("locked")
+    rename, locked, gears = node.child("rename"), node.child("locked"), node.child("gears")
     return JointMap(
         names=TextField(names.child("field").text()) if isinstance(names.value, dict) else names.texts(),
         position=_source(node, "position"),
@@ -274,6 +274,7 @@ def _joints(node: _Node) -> JointMap:
         ignore=node.child("ignore").texts() if node.has("ignore") else (),
         locked={str(key): locked.child(key).number() for key in locked.mapping()} if locked.value is not None else {},
         passive=node.child("passive").texts() if node.has("passive") else (),
+        gears={str(key): gears.child(key).number() for key in gears.mapping()} if gears.value is not None else {},
     )
 
 

@@ -126,6 +126,7 @@ class JointMap:
         ignore: patterns of joints of the log that the model does not have.
         locked: by pattern, joints of the model that the log does not show, and where they were held [rad or m].
         passive: patterns of joints without an actuator: their effort is zero whatever the log says.
+        gears: by pattern, what the logged torque of a joint is to be multiplied by, such as the ratio of its gear.
     """
 
     names: tuple[str, ...] | TextField
@@ -136,6 +137,7 @@ class JointMap:
     ignore: tuple[str, ...] = ()
     locked: Mapping[str, float] = field(default_factory=dict)
     passive: tuple[str, ...] = ()
+    gears: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def sources(self) -> dict[str, Source]:
