@@ -28,6 +28,7 @@ ONLY_IN = {
     "daqp": {"walking"},
     "ruamel": {"log"},
     "google": {"log"},
+    "rosbags": {"log"},
     "msgspec": {"result", "score"},
 }
 """Libraries that one room keeps to itself."""

@@ -123,6 +123,7 @@ class Foreign:
         self.definitions: dict[str, bytes] = {}
         self.encode: Callable[[bytes], bytes] = lambda data: data
         self.serialize: Callable[[Any, str], bytes] | None = None
+        self.stamp_of: Callable[[Any], Any] = lambda message: message.header.stamp
         self.channel: Callable[[str, int], int] = lambda topic, row: 0
         self.messages: dict[str, list[Any]] = {topic: [] for topic in TYPES}
         for row in range(len(samples)):
@@ -221,7 +222,8 @@ class Foreign:
                     if self.serialize
                     else bytes(self.store.serialize_cdr(message, name, little_endian=little_endian))
                 )
-                stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+                time = self.stamp_of(message)
+                stamp = time.sec * 10**9 + time.nanosec
                 writer.add_message(channel, (log_times or {}).get(row, stamp), self.encode(data), stamp)
             writer.finish()
         return self.path
@@ -240,3 +242,11 @@ class Foreign:
             schema = writer.register_schema(self.names.get(key[0], name), schema_encoding, text)
             channels[key] = writer.register_channel(key[0], message_encoding, schema, {"number": str(key[1])})
         return channels[key]
+
+
+def as_ros1(message: Any, name: str) -> bytes:
+    """A message as ROS 1 serialises it."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    header = store.types["std_msgs/msg/Header"](seq=3, stamp=message.header.stamp, frame_id=message.header.frame_id)
+    fields = {key: getattr(message, key) for key in message.__dataclass_fields__ if not key.startswith("__")}
+    return bytes(store.serialize_ros1(store.types[name](**{**fields, "header": header}), name))

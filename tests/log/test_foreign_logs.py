@@ -21,6 +21,7 @@ from tests.log.samples import (
     STEP_NS,
     TYPES,
     Foreign,
+    as_ros1,
     assert_bridged,
     assert_same,
     make_samples,
@@ -335,15 +336,9 @@ def test_ros_1_messages_in_an_mcap_file_are_read(foreign):
     log = foreign(N)
     ros1 = get_typestore(Stores.ROS1_NOETIC)
     log.definitions = {name: ros1.generate_msgdef(name, ros_version=1)[0].encode() for name in set(TYPES.values())}
-    log.serialize = lambda message, name: bytes(ros1.serialize_ros1(_with_seq(ros1, message), name))
+    log.serialize = as_ros1
     walk = read_walk(log.write(message_encoding="ros1", schema_encoding="ros1msg"))
     assert_same(walk, make_samples(N))
-
-
-def _with_seq(store, message):
-    header = store.types["std_msgs/msg/Header"](seq=3, stamp=message.header.stamp, frame_id=message.header.frame_id)
-    fields = {name: getattr(message, name) for name in message.__dataclass_fields__ if not name.startswith("__")}
-    return store.types[message.__msgtype__](**{**fields, "header": header})
 
 
 def test_cdr_that_calls_itself_ros_1_is_told_from_it(foreign):

@@ -23,6 +23,7 @@ _LEAST = 0.005  # mismatch from which on a convention that leaves hardly any of 
 _BETTER = 0.3  # another convention is suspected if it leaves less than this share of the mismatch
 _SURE = 4.0  # and if that is so all along the walk: deviations of the gain's mean over parts of it
 _PARTS = 12
+_THEN = "(then"
 _FEWEST_SPANS = 5
 _FEWEST_TURNS = 100  # in which a long turn is followed
 _SCALED = 0.05  # mismatch of a joint from which on another scale that takes it away is named
@@ -39,12 +40,14 @@ class Kinematics:
         attitude: of the base's attitude; None if it hardly turns.
         joints: by joint, of those that move.
         suspicions: what is probably wrong, one line each.
+        misread: whether another convention of the base explains what this one does not.
     """
 
     position: float | None
     attitude: float | None
     joints: dict[str, float]
     suspicions: tuple[str, ...]
+    misread: bool = False
 
 
 def check_kinematics(walk: Walk) -> Kinematics:
@@ -66,6 +69,7 @@ def check_kinematics(walk: Walk) -> Kinematics:
         None if attitude is None else attitude.share,
         {name: one.share for name, one in joints.items()},
         tuple(suspicions),
+        misread=any(_THEN in line for line in suspicions),
     )
 
 
@@ -157,7 +161,7 @@ def _base_suspicions(walk: Walk, what: str, text: str, trials: dict[str, str]) -
         }
         if better:
             best = min(better, key=lambda reason: float(better[reason].squares.mean()))
-            return [f"{text} {given.share:.1%} of the motion: {best} (then {better[best].share:.1%})."]
+            return [f"{text} {given.share:.1%} of the motion: {best} {_THEN} {better[best].share:.1%})."]
     starts, span = _spans(walk, SPAN_S)
     given = _mismatch(walk, starts, span, what)
     if given is None or given.share <= MISMATCH:

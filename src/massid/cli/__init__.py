@@ -5,9 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-__all__ = ["INTERRUPTED", "main"]
+__all__ = ["INTERRUPTED", "MISREAD", "NOT_IDENTIFIABLE", "main"]
 
 INTERRUPTED = 130
+NOT_IDENTIFIABLE = 3
+MISREAD = 4
+"""The log was read in a convention that it contradicts: whatever is found is not the robot's masses."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

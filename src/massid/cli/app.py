@@ -18,7 +18,7 @@ from massid.errors import BadInputError, MassidError
 
 DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
 
-Exit codes: 0 good, 2 bad input, 3 not identifiable, 4 fell or did not converge."""
+Exit codes: 0 good, 2 bad input, 3 not identifiable, 4 fell, did not converge, or contradicts how it was read."""
 
 COMMANDS = {
     "demo": "Record a walking humanoid with hidden mass errors, then find its masses from the log.",

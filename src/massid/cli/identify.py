@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 from massid.assets import resolve_model, shipped_models
-from massid.cli import INTERRUPTED
+from massid.cli import INTERRUPTED, MISREAD, NOT_IDENTIFIABLE
 from massid.cli.arguments import (
     OptionalFile,
     OptionalLinks,
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from massid.score import Score, Truth
     from massid.weighing import Weighing
 
-EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVERGED: 4}
+EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: NOT_IDENTIFIABLE, Status.NOT_CONVERGED: 4}
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,9 @@ class Identify:
         heard.rest()
         warn_of_hidden(result)
         self._write(result, scored)
-        return INTERRUPTED if result.stopped else EXIT_CODES[result.status]
+        if result.stopped:
+            return INTERRUPTED
+        return max(EXIT_CODES[result.status], MISREAD if heard.misread else 0)
 
     def _check_files(self, model: Path | None) -> None:
         """Pass if all that was asked for can be written, and nothing that is read is lost by it."""
@@ -209,6 +211,9 @@ class Identify:
 class _Heard:
     """Prints warnings and the verdict as they come: warnings after the fit wait for the table.
 
+    Attributes:
+        misread: whether a log contradicts the convention in which it was read.
+
     Args:
         truth: whose robot is compared with the one that is weighed, before the verdict; None for no truth.
     """
@@ -216,6 +221,8 @@ class _Heard:
     def __init__(self, truth: Truth | None) -> None:
         self._truth = truth
         self._waiting: list[str] | None = None
+        self._doubted = False
+        self.misread = False
 
     def __call__(self, said: Weighing | str | Verdict) -> None:
         from massid.cli.console import say, warn
@@ -223,6 +230,8 @@ class _Heard:
 
         match said:
             case Weighing():
+                self._doubted = any(one.audit.doubts for one in said.prepared)
+                self.misread = any(one.audit.misread for one in said.prepared)
                 for line in self._truth.check_robot(said.nominal_kg) if self._truth else ():
                     warn(line)
             case str():
@@ -232,7 +241,8 @@ class _Heard:
                     self._waiting.append(said)
             case _:
                 if not said.hidden:
-                    say(f"verdict: {said.lines()[0]}\n")
+                    doubted = ", if what the warnings say were settled" if self._doubted else ""
+                    say(f"verdict{doubted}: {said.lines()[0]}\n")
                 self._waiting = []
 
     def rest(self) -> None:

@@ -13,8 +13,9 @@ from massid.errors import LogError, printable
 from massid.log.alignment import Alignment, align
 from massid.log.clocks import Stream, settle
 from massid.log.columns import TopicColumns
+from massid.log.containers import read_messages
 from massid.log.joints import Joints, read_joints
-from massid.log.mcap.container import NO_CHECKSUM, Contents, TopicInfo, read_messages
+from massid.log.mcap.container import NO_CHECKSUM, Contents, TopicInfo
 from massid.log.mcap.schemas import JOINT_STATE as JOINT_STATE_TYPE
 from massid.log.mcap.schemas import ODOMETRY, WRENCH_STAMPED
 from massid.log.roles import Contact, read_base, read_contact
@@ -37,11 +38,12 @@ def read_walk(path: Path | str, topics: TopicMap | None = None) -> Walk:
     What is sound in a damaged or unfinished file is used; what was lost stands in `Walk.warnings`.
 
     Args:
-        path: an MCAP file; a `.partial` file that a killed recorder left is fine.
+        path: an MCAP file, also a `.partial` one that a killed recorder left; a folder of `ros2 bag record`; a rosbag2
+            SQLite file or a ROS 1 bag, with the package rosbags.
         topics: which topic plays which role, by default the names that `massid` records; see `load_topics`.
 
     Raises:
-        LogError: the file is not MCAP; a role has no topic; names and arrays of the joints do not match;
+        LogError: the file is no log; a role has no topic; names and arrays of the joints do not match;
             no sample is finite; no stretch of time is covered by all roles.
     """
     path = Path(path)

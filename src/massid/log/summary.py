@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from massid.log.mcap.container import TopicInfo, read_messages
+from massid.log.containers import read_messages
+from massid.log.mcap.container import TopicInfo
 from massid.typing import IntArray
 from massid.walk.conventions import LATEST_NS, NANOSECONDS
 

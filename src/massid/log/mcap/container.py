@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, MessageIndex, Metadata, Schema
 
 from massid.errors import LogError
-from massid.log.mcap.files import MAGIC, check_is_mcap
+from massid.log.files import MAGIC
 
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE = struct.Struct("<BQH")  # opcode, length, channel
@@ -74,13 +74,11 @@ class Contents:
     warnings: tuple[str, ...]
 
 
-def read_messages(
-    path: Path, uses: Callable[[str], bool], receive: Callable[[TopicInfo, list[bytes]], None]
-) -> Contents:
+def read_mcap(path: Path, uses: Callable[[str], bool], receive: Callable[[TopicInfo, list[bytes]], None]) -> Contents:
     """Hand over the messages of the topics in use, in the order of the file.
 
     Args:
-        path: the MCAP file, finished or cut off.
+        path: an MCAP file, finished or cut off.
         uses: tells whether a topic is of interest.
         receive: takes a batch of messages of one topic: for each its record, `MESSAGE_HEAD` bytes and the message.
 
@@ -88,9 +86,8 @@ def read_messages(
         What else was found, with a line for each loss.
 
     Raises:
-        LogError: there is no such file, or it is not MCAP; says what it is instead.
+        LogError: the file cannot be read.
     """
-    check_is_mcap(path)
     try:
         with path.open("rb") as stream:
             scan = _Scan(stream, path.stat().st_size, uses, receive)

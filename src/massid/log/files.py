@@ -1,15 +1,25 @@
-"""Tell an MCAP file from everything else that a user may name by mistake."""
+"""Tell the kinds of logs from everything else that a user may name by mistake."""
 
 from __future__ import annotations
 
+import enum
 from pathlib import Path
 
 from massid.errors import LogError
 
 MAGIC = b"\x89MCAP0\r\n"
+
+
+class Kind(enum.StrEnum):
+    """What a log is kept in."""
+
+    MCAP = "an MCAP file"
+    SQLITE = "a rosbag2 SQLite file"
+    ROS1 = "a ROS 1 bag"
+
+
+_BAGS = {b"SQLite format 3": Kind.SQLITE, b"#ROSBAG V2.0": Kind.ROS1}
 _OTHER_FORMATS = {
-    b"SQLite format 3": "a rosbag2 SQLite file; convert it with `ros2 bag convert`",
-    b"#ROSBAG V2.0": "a ROS 1 bag; convert it with `rosbags-convert`",
     b"\x28\xb5\x2f\xfd": "a zstd-compressed file; decompress it first",
     b"\x1f\x8b": "a gzip-compressed file; decompress it first",
     b"PK\x03\x04": "a zip or NumPy .npz archive",
@@ -17,11 +27,11 @@ _OTHER_FORMATS = {
 _LISTED = 8
 
 
-def check_is_mcap(path: Path) -> None:
-    """Pass if `path` is a file that begins as MCAP files do.
+def kind_of(path: Path) -> Kind:
+    """Tell by its beginning what a file is.
 
     Raises:
-        LogError: it does not; the message names what was found instead.
+        LogError: it is no log; the message names what was found instead.
     """
     if path.is_dir():
         raise LogError(f"{path}: is a folder, expected an MCAP file; it has {_mcap_files(path)}.")
@@ -33,7 +43,10 @@ def check_is_mcap(path: Path) -> None:
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}.") from error
     if start.startswith(MAGIC):
-        return
+        return Kind.MCAP
+    for magic, kind in _BAGS.items():
+        if start.startswith(magic):
+            return kind
     if not start:
         raise LogError(f"{path}: is empty, expected an MCAP file.")
     if MAGIC.startswith(start):
