@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -244,9 +245,14 @@ class Foreign:
         return channels[key]
 
 
+@cache
+def _ros1() -> Any:
+    return get_typestore(Stores.ROS1_NOETIC)
+
+
 def as_ros1(message: Any, name: str) -> bytes:
     """A message as ROS 1 serialises it."""
-    store = get_typestore(Stores.ROS1_NOETIC)
+    store = _ros1()
     header = store.types["std_msgs/msg/Header"](seq=3, stamp=message.header.stamp, frame_id=message.header.frame_id)
     fields = {key: getattr(message, key) for key in message.__dataclass_fields__ if not key.startswith("__")}
     return bytes(store.serialize_ros1(store.types[name](**{**fields, "header": header}), name))

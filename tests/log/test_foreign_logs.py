@@ -243,10 +243,11 @@ def test_a_topic_of_bad_values_only_is_refused(foreign):
         read_walk(log.write())
 
 
-def test_half_the_rate_is_resampled_and_said(foreign):
+def test_half_the_rate_is_resampled_and_said(foreign, tmp_path):
     log = foreign(N)
     log.drop("/odom", range(1, N, 2))
-    walk = read_walk(log.write())
+    (tmp_path / "map.yaml").write_text("preset: massid\nrate: slowest\n")
+    walk = read_walk(log.write(), load_topics(tmp_path / "map.yaml"))
     assert walk.timestep_s == 2e-3
     assert any("different rates (/odom 500 Hz, /joint_states 1000 Hz" in line for line in walk.warnings)
     rows = np.arange(0, len(walk) * 2, 2)
@@ -254,6 +255,21 @@ def test_half_the_rate_is_resampled_and_said(foreign):
     # states at the slow topic's own stamps are not changed; inputs are the means over its period
     np.testing.assert_allclose(walk.qpos, samples.qpos[rows], rtol=0, atol=1e-12)
     np.testing.assert_allclose(walk.effort, 0.5 * (samples.effort[rows] + samples.effort[rows + 1]), atol=1e-9)
+
+
+def test_a_slow_base_does_not_slow_the_joints_down(foreign):
+    """50 Hz of a state estimator beside 1 kHz of the drives: nothing of the drives is thrown away."""
+    samples = smooth_samples(200)
+    log = Foreign(foreign(1).path, samples)
+    log.drop("/odom", [row for row in range(200) if row % 20])
+    walk = read_walk(log.write())
+    assert walk.timestep_s == 1e-3
+    n = len(walk)
+    assert n >= 180
+    np.testing.assert_array_equal(walk.qpos[:, 7:], samples.qpos[:n, 7:])
+    np.testing.assert_allclose(walk.effort, samples.effort[:n], atol=1e-11)
+    # a cubic over 20 ms of a motion of 10 rad/s: the fourth power of 0.2, over 384
+    np.testing.assert_allclose(walk.qpos[:, :3], samples.qpos[:n, :3], atol=1e-5)
 
 
 def test_stamps_of_another_clock_are_resampled(foreign):

@@ -26,8 +26,9 @@ _OFF = 2.0  # a factor beyond this is no gain of a sensor
 _RIDGE = 1e-9
 _SHOWN = 4
 _MOST_BODIES = 6
+_CONVINCING, _LESS, _MUCH_LESS = 0.3, 0.5, 0.1
 _TAKES = 0.01
-_COUNTS = 0.02  # share of the largest torque below which a joint's factor says nothing
+_COUNTS = 1e-4  # share of the largest torque below which a joint's factor says nothing
 
 
 @dataclass(frozen=True)
@@ -37,19 +38,25 @@ class Convention:
     Attributes:
         reason: what is suspected, and the setting that cures it.
         rest: what it leaves of the smoothed force that no link masses explain, shape (m,).
+        fitted: whether factors were fitted, which always leaves less.
     """
 
     reason: str
     rest: FloatArray
+    fitted: bool = False
 
 
 def best_convention(robot: Robot, walk: Walk, balance: Balance) -> Convention:
     """The convention that leaves least, of those that are got wrong most often."""
+    given = balance.unexplained(balance.smooth(balance.required - balance.effort(walk, robot) - balance.wrench(walk)))
     simple = min(_conventions(robot, walk, balance), key=lambda one: float(np.linalg.norm(one.rest)))
     by_joint = _by_joint(robot, walk, balance)
-    if by_joint is not None and np.linalg.norm(by_joint.rest) < 0.5 * np.linalg.norm(simple.rest):
-        return by_joint
-    return simple
+    if by_joint is None:
+        return simple
+    # One factor for each joint always leaves less: it must be worth it.
+    explains = np.linalg.norm(simple.rest) < _CONVINCING * np.linalg.norm(given)
+    worth = _MUCH_LESS if explains else _LESS
+    return by_joint if np.linalg.norm(by_joint.rest) < worth * np.linalg.norm(simple.rest) else simple
 
 
 def _conventions(robot: Robot, walk: Walk, balance: Balance) -> Iterator[Convention]:
@@ -86,17 +93,19 @@ def _conventions(robot: Robot, walk: Walk, balance: Balance) -> Iterator[Convent
     moments = wrenches.copy()
     moments[:, :, :3] = 0.0
     moment = of(moments)
-    factor = _factor(required - effort - (wrench - moment), moment)
+    factor = _rounded(_factor(required - effort - (wrench - moment), moment))
     if _is_another(factor):
         yield Convention(f"the moments of the wrenches look {_unit(factor)}",
-                         required - effort - (wrench - moment) - factor * moment)  # fmt: skip
+                         required - effort - (wrench - moment) - factor * moment,
+            fitted=True)  # fmt: skip
     turned = wrenches.copy()
     turned[:, :, 3:] *= -1.0
     yield Convention("the moments of the wrenches look as if their sign were turned", required - effort - of(turned))
-    factor = _factor(required - wrench, effort)
+    factor = _rounded(_factor(required - wrench, effort))
     if _is_another(factor):
         yield Convention(f"the torques look {_unit(factor)} (effort: scale: {factor:.3g})",
-                         required - wrench - factor * effort)  # fmt: skip
+                         required - wrench - factor * effort,
+            fitted=True)  # fmt: skip
 
 
 def _by_joint(robot: Robot, walk: Walk, balance: Balance) -> Convention | None:
@@ -132,12 +141,15 @@ def _by_joint(robot: Robot, walk: Walk, balance: Balance) -> Convention | None:
             f"the torques of {', '.join(turned[:_SHOWN])}{more} look as if their sign were turned (joints: gears: "
             f"{{{turned[0]}: -1}})",
             rest,
+            fitted=True,
         )
     if geared:
         listed = ", ".join(f"{name}: {factor:.3g}" for name, factor in list(geared.items())[:_SHOWN])
         more = f" and {len(geared) - _SHOWN} more" if len(geared) > _SHOWN else ""
         return Convention(
-            f"torques look as if they were those of motors before gears (joints: gears: {{{listed}}}{more})", rest
+            f"torques look as if they were those of motors before gears (joints: gears: {{{listed}}}{more})",
+            rest,
+            fitted=True,
         )
     return None
 
@@ -147,12 +159,16 @@ def _factor(target: FloatArray, column: FloatArray) -> float:
     return float(column @ target) / power if power else 1.0
 
 
+def _rounded(factor: float) -> float:
+    """The factor of a unit, if it is close to one."""
+    return next((unit for unit in _TORQUE_UNITS if abs(factor / unit - 1.0) < _NEAR), factor)
+
+
 def _is_another(factor: float) -> bool:
     return factor > 0.0 and not 1.0 / _OFF < factor < _OFF
 
 
 def _unit(factor: float) -> str:
-    for unit, name in _TORQUE_UNITS.items():
-        if abs(factor / unit - 1.0) < _NEAR:
-            return f"as if they were {name}"
+    if factor in _TORQUE_UNITS:
+        return f"as if they were {_TORQUE_UNITS[factor]}"
     return f"{1.0 / factor:.3g} times too large" if factor < 1.0 else f"{factor:.3g} times too small"

@@ -34,7 +34,7 @@ _RUNGE_KUTTA = (
     "the model integrates with RK4, whose step has no single torque and wrench; a simulation with Euler or "
     "implicitfast is replayed exactly"
 )
-_BETTER, _BETTER_IN_NOISE = 0.5, 0.7
+_BETTER, _BETTER_FITTED, _BETTER_IN_NOISE = 0.5, 0.3, 0.7
 _WORTH = 1e-3
 """Share of the required force below which no convention can be wrong."""
 _MOVING = 0.02
@@ -116,7 +116,7 @@ def weight_suspicions(weight: Weight) -> list[str]:
 
 
 def check_torques(robot: Robot, walk: Walk, passive: Sequence[str] = ()) -> None:
-    """Pass if a log shows any torque.
+    """Pass if a log shows any torque, or no load either, as in a free fall.
 
     Args:
         robot: with joints.
@@ -124,9 +124,9 @@ def check_torques(robot: Robot, walk: Walk, passive: Sequence[str] = ()) -> None
         passive: joints that are said to have no actuator.
 
     Raises:
-        LogError: the torque of every joint is zero all along.
+        LogError: the torque of every joint is zero all along, although the ground carries the robot.
     """
-    if walk.effort.any() or not walk.joint_names or set(passive) >= set(walk.joint_names):
+    if walk.effort.any() or not walk.wrench.any() or set(passive) >= set(walk.joint_names):
         return
     raise LogError(
         f"{walk.source}: the effort of all {len(walk.joint_names)} joints of {robot.source} is 0 in every sample: the "
@@ -193,7 +193,7 @@ def check_rest(robot: Robot, walk: Walk, balance: Balance) -> Rest:
         then = float(np.linalg.norm(other.rest)) / size
         within = share <= np.hypot(REST, noise / size)
         # Noise is left by every convention: beside it, the right one need not leave half.
-        if then < (_BETTER_IN_NOISE if within else _BETTER) * share:
+        if then < (_BETTER_IN_NOISE if within else _BETTER_FITTED if other.fitted else _BETTER) * share:
             return Rest(share, joints, (f"{said}: {other.reason} (then {then:.0%}).",), names_a_setting=True)
         if within:
             return Rest(share, joints, _of_integrator(robot, walk, share))

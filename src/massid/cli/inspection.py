@@ -52,7 +52,7 @@ class Inspection:
         from massid.result.posterior import INTERVAL_95
 
         for entry, prepared in zip(self._document["logs"], job.prepared, strict=True):
-            entry |= _checks(prepared)
+            entry.update(_checks(prepared))
         self._document |= {
             "links": [
                 {

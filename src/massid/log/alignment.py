@@ -64,12 +64,13 @@ class Alignment:
         return not self.resampled and not self.bridged
 
 
-def align(settled: Settled, source: str, rate: Rate = Rate.SLOWEST, even: bool = False) -> Alignment:
+def align(settled: Settled, source: str, lead: str, rate: Rate = Rate.AUTO, even: bool = False) -> Alignment:
     """Match the samples of several streams by their stamps.
 
     Args:
         settled: streams on one clock; the first is the reference when rates are equal.
         source: name of the file, for messages.
+        lead: the stream whose rate `Rate.AUTO` takes.
         rate: which stream's rate the walk gets if they differ.
         even: the stamps were taken when samples arrived; jitter in them is not of the samples, which are evenly spaced.
 
@@ -89,7 +90,15 @@ def align(settled: Settled, source: str, rate: Rate = Rate.SLOWEST, even: bool =
         if not jittery or even:
             return _shared(common, times, breaks, lines)
         why_not = f"stamps are up to {_jitter(common):.0%} of a period off an even clock"
-    return _on_one_clock(streams, times, breaks, lines, why_not, source, rate, even)
+    periods = {name: _period(stamps) for name, stamps in times.items()}
+    leader = {
+        Rate.AUTO: lead,
+        Rate.SLOWEST: max(periods, key=lambda name: periods[name]),
+        Rate.FASTEST: min(periods, key=lambda name: periods[name]),
+    }[rate]
+    if periods[leader] == periods[next(iter(periods))]:
+        leader = next(iter(periods))
+    return _on_one_clock(streams, times, breaks, lines, why_not, source, leader, even)
 
 
 def _shared(common: IntArray, times: Mapping[str, IntArray], breaks: IntArray, warnings: list[str]) -> Alignment:
@@ -180,15 +189,11 @@ def _on_one_clock(
     warnings: list[str],
     why: str,
     source: str,
-    rate: Rate,
+    leader: str,
     even: bool,
 ) -> Alignment:
     """Find the stretches that every stream covers, and an even clock for each."""
     periods = {name: _period(stamps) for name, stamps in times.items()}
-    choose = max if rate is Rate.SLOWEST else min
-    leader = choose(periods, key=lambda name: periods[name])
-    if periods[leader] == periods[next(iter(periods))]:
-        leader = next(iter(periods))
     runs: dict[str, list[tuple[int, int]]] = {}
     times, bridged = dict(times), []
     for name, stamps in list(times.items()):

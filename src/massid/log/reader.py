@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,8 +18,7 @@ from massid.log.joints import Joints, read_joints
 from massid.log.mcap.container import NO_CHECKSUM, Contents, TopicInfo
 from massid.log.mcap.schemas import JOINT_STATE as JOINT_STATE_TYPE
 from massid.log.mcap.schemas import ODOMETRY, WRENCH_STAMPED
-from massid.log.roles import Contact, read_base, read_contact
-from massid.log.signals import Signal
+from massid.log.roles import Base, Contact, read_base, read_contact
 from massid.log.silence import fill_silence
 from massid.log.topics.kinds import adapted
 from massid.log.topics.map import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
@@ -89,7 +88,7 @@ class _Reader:
         contacts = {
             name: read_contact(layout, key, columns, lag_s) for name, (key, layout, columns) in wrenches.items()
         }
-        alignment = self.align([*base.signals, *joints.signals], contacts.values())
+        alignment = self.align(base, joints, contacts.values())
         signals = [*base.signals, *joints.signals, *(contact.signal for contact in contacts.values())]
         for columns in {id(signal.columns): signal.columns for signal in signals}.values():
             self.warnings += columns.warnings()
@@ -204,8 +203,9 @@ class _Reader:
             raise LogError(f"{columns.where}: {given.path} is empty, expected {meaning}.")
         return texts[0]
 
-    def align(self, signals: Sequence[Signal], contacts: Collection[Contact]) -> Alignment:
+    def align(self, base: Base, joints: Joints, contacts: Collection[Contact]) -> Alignment:
         """Put the clocks of all signals in order and side by side; a signal's lag is taken off its stamps."""
+        signals = [*base.signals, *joints.signals]
         pushed = [contact.signal for contact in contacts]
         topics = {signal.columns.name: signal.columns for signal in (*signals, *pushed)}
         by_log = self.times_by_log(topics)
@@ -219,18 +219,19 @@ class _Reader:
         for signal in (*signals, *pushed):
             signal.settle(settled.rows[signal.stream], settled.streams[signal.stream].stamps_ns)
         streams = dict(settled.streams)
-        base = streams[signals[0].stream].stamps_ns
+        running = streams[signals[0].stream].stamps_ns
         for name in {contact.signal.stream: None for contact in contacts}:
             of_topic = [contact for contact in contacts if contact.signal.stream == name]
             if any(signal.stream == name for signal in signals):
                 continue
             silence = of_topic[0].layout.silence
-            streams[name], values, line = fill_silence([c.signal for c in of_topic], streams[name], base, silence)
+            streams[name], values, line = fill_silence([c.signal for c in of_topic], streams[name], running, silence)
             if line:
                 self.warnings.append(f"{name}: {line}.")
                 for contact, filled in zip(of_topic, values, strict=True):
                     contact.signal.values = filled
-        return align(replace(settled, streams=streams), self.source, self.topics.rate, even=by_log)
+        settled = replace(settled, streams=streams)
+        return align(settled, self.source, joints.position[0].signal.stream, self.topics.rate, even=by_log)
 
     def times_by_log(self, topics: Mapping[str, TopicColumns]) -> bool:
         """Whether time is that of recording.

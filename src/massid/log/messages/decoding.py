@@ -133,7 +133,7 @@ def _definition(info: TopicInfo) -> tuple[Schema, list[str]]:
 
 
 def _inflated(records: Sequence[bytes]) -> Sequence[bytes]:
-    """Records whose messages were compressed one by one, as `ros2 bag record --compression-mode message` does.
+    """Records whose messages were compressed one by one, as rosbag2 does in its compression mode "message".
 
     Raises:
         ValueError: a message is no such frame, or larger than any message is.

@@ -203,7 +203,7 @@ def _build(node: _Node, name: str) -> TopicMap:
         joints=_joints(node.child("joints")) if node.has("joints") else None,
         contacts=tuple(_contact(item) for item in node.child("contacts").items()) if node.has("contacts") else (),
         clock=node.child("clock").choice(Clock, Clock.AUTO),
-        rate=node.child("rate").choice(Rate, Rate.SLOWEST),
+        rate=node.child("rate").choice(Rate, Rate.AUTO),
         lag_s=lags,
         supply=advice,
         name=name,

@@ -45,6 +45,8 @@ class Silence(enum.StrEnum):
 class Rate(enum.StrEnum):
     """The clock of a walk whose topics have clocks of their own."""
 
+    AUTO = "auto"
+    """That of the joint states: base and wrenches that are slower are interpolated, faster ones averaged."""
     SLOWEST = "slowest"
     FASTEST = "fastest"
 
@@ -211,7 +213,7 @@ class TopicMap:
     joints: JointMap | None = field(default_factory=lambda: _joint_states("/joint_states"))
     contacts: tuple[ContactMap, ...] = (ContactMap(),)
     clock: Clock = Clock.AUTO
-    rate: Rate = Rate.SLOWEST
+    rate: Rate = Rate.AUTO
     lag_s: Mapping[str, float] = field(default_factory=dict)
     supply: Mapping[str, str] = field(default_factory=dict)
     name: str = "massid"
