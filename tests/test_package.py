@@ -29,6 +29,7 @@ ONLY_IN = {
     "ruamel": {"log"},
     "google": {"log"},
     "rosbags": {"log"},
+    "pyarrow": {"log"},
     "msgspec": {"result", "score"},
 }
 """Libraries that one room keeps to itself."""

@@ -75,6 +75,22 @@ def test_a_clock_that_restarts_pairs_no_samples_of_two_runs(foreign, lost, pause
     assert any("clock of the stamps restarts 1 time, on /odom by" in line for line in walk.warnings)
 
 
+def test_times_of_recording_that_restart_as_well_order_nothing(foreign) -> None:
+    """As in a simulation whose recorder takes its time, or in a table of several episodes."""
+    rng = np.random.default_rng(3)
+    log = foreign(N)
+    for topic in TYPES:
+        for row in range(N):
+            log.set_stamp(topic, row, 10**9 + (row % HALF) * STEP_NS + int(rng.integers(0, 1000)) * (topic == "/odom"))
+    for row in range(N):
+        for topic in TYPES:
+            time = log.messages["/odom"][row].header.stamp
+            log.set_stamp(topic, row, time.sec * 10**9 + time.nanosec)
+    walk = read_walk(log.write(order=by_row(log)))
+    assert walk.segments == (Segment(0, HALF), Segment(HALF, N))
+    np.testing.assert_array_equal(walk.effort, make_samples(N).effort)
+
+
 def test_a_topic_that_is_silent_while_the_clock_restarts_is_cut_with_the_others(foreign) -> None:
     log = foreign(N)
     for topic in TYPES:

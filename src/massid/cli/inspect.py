@@ -68,7 +68,7 @@ class Inspect:
         inputs = [*(("the log", log) for log in self.logs), ("the model (--model)", model), topics_file(self.topics)]
         check_outputs(inputs, [("--html", self.html), ("--json", self.json)])
         page = Page(f"massid inspect {' '.join(map(str, self.logs))}")
-        summaries = [summarise_log(log) for log in self.logs]
+        summaries = [summarise_log(log, topics.time) for log in self.logs]
         made_with = dict(summaries[0].metadata.get("massid", {})).get("model_sha256", "")
         path = model or find_model_by_hash(made_with)
         robot = None if path is None else Robot.load(path)

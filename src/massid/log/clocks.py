@@ -123,7 +123,7 @@ def _put_in_order(stream: Stream) -> _Ordered:
     lines: list[str] = []
     wild = _wild(stamps)
     rows = rows[~wild]
-    if stream.log_ns is not None:
+    if stream.log_ns is not None and not _restarts_itself(stamps[rows], stream.log_ns[rows]):
         by_log = rows[np.argsort(stream.log_ns[rows], kind="stable")]
         if (np.diff(stamps[by_log]) <= 0).sum() < (np.diff(stamps[rows]) <= 0).sum():
             rows = by_log
@@ -159,6 +159,13 @@ def _put_in_order(stream: Stream) -> _Ordered:
         lines.append(f"{late} of {len(stamps)} messages came out of order; sorted by their stamps")
     out = np.concatenate(kept)
     return _Ordered(out, tuple(starts[1:]), tuple(sorted({j for j in jumps if 0 < j < len(out)})), tuple(lines))
+
+
+def _restarts_itself(stamps: IntArray, log_ns: IntArray) -> bool:
+    """Whether times of recording restart with the stamps, as where they are those of a simulation: they order nothing."""
+    edges = [0, *_restarts(stamps), len(stamps)]
+    ranges = sorted((int(log_ns[a:b].min()), int(log_ns[a:b].max())) for a, b in pairwise(edges))
+    return any(later[0] <= earlier[1] for earlier, later in pairwise(ranges))
 
 
 def _wild(stamps: IntArray) -> BoolArray:

@@ -13,6 +13,7 @@ from massid.errors import LogError
 from massid.log.bags import read_bag
 from massid.log.files import Kind, kind_of
 from massid.log.mcap.container import Contents, TopicInfo, read_mcap
+from massid.log.tables import TABLES
 
 _METADATA = "metadata.yaml"
 _LARGEST_METADATA = 1 << 22
@@ -51,6 +52,8 @@ def read_messages(path: Path, uses: Callable[[str], bool], receive: Receive) -> 
 
 def _read_file(path: Path, uses: Callable[[str], bool], receive: Receive) -> Contents:
     kind = kind_of(path)
+    if kind in TABLES:
+        raise LogError(f"{path}: is {kind}, which holds no messages.")
     return read_mcap(path, uses, receive) if kind is Kind.MCAP else read_bag(path, kind, uses, receive)
 
 

@@ -19,6 +19,7 @@ _SAME_RATE = 0.05
 _STILL = 1e-3  # of a period: stamps that scatter less than this tell the times of their samples
 _WIDEST = 0.45  # of a period, either way: beyond it, stamps do not tell the cycle
 _SURE = 4.0  # standard deviations of the period
+_ROUNDED_TWICE = 2.0  # when written, and when the unit was changed
 _ROUND_NS = (10**6, 10**5, 10**4, 10**3, 10**2)
 
 
@@ -90,6 +91,20 @@ def match_cycles(times_ns: Mapping[str, IntArray]) -> Cycles | None:
         "each topic by itself: messages were stamped when they were sent. Those of one cycle were matched."
     )
     return Cycles(times, start, period, line)
+
+
+def evened(stamps: IntArray, rounding_ns: float) -> IntArray:
+    """Stamps of an even clock without what rounding put in; as they are if they scatter by more.
+
+    Args:
+        stamps: [ns], shape (n,).
+        rounding_ns: difference between neighbouring numbers of the type in which they were stored [ns].
+    """
+    counted = _count(stamps - stamps[0]) if rounding_ns > 1.0 else None
+    if counted is None or counted.scatter_ns > _ROUNDED_TWICE * rounding_ns:
+        return stamps
+    start = int(stamps[0]) + round(counted.start_ns)
+    return np.asarray(start + np.rint(counted.cycle * _rounded(counted)).astype(np.int64), dtype=np.int64)
 
 
 def _count(stamps: IntArray) -> _Counted | None:

@@ -16,9 +16,13 @@ class Kind(enum.StrEnum):
     MCAP = "an MCAP file"
     SQLITE = "a rosbag2 SQLite file"
     ROS1 = "a ROS 1 bag"
+    CSV = "a CSV file"
+    NPZ = "a NumPy .npz archive"
+    PARQUET = "a Parquet file"
 
 
-_BAGS = {b"SQLite format 3": Kind.SQLITE, b"#ROSBAG V2.0": Kind.ROS1}
+_KINDS = {b"SQLite format 3": Kind.SQLITE, b"#ROSBAG V2.0": Kind.ROS1, b"PAR1": Kind.PARQUET}
+_TEXTS = (".csv", ".tsv")
 _OTHER_FORMATS = {
     b"\x28\xb5\x2f\xfd": "a zstd-compressed file; decompress it first",
     b"\x1f\x8b": "a gzip-compressed file; decompress it first",
@@ -44,9 +48,11 @@ def kind_of(path: Path) -> Kind:
         raise LogError(f"{path}: cannot be read: {error.strerror}.") from error
     if start.startswith(MAGIC):
         return Kind.MCAP
-    for magic, kind in _BAGS.items():
+    for magic, kind in _KINDS.items():
         if start.startswith(magic):
             return kind
+    if start.startswith(b"PK\x03\x04") and path.suffix == ".npz":
+        return Kind.NPZ
     if not start:
         raise LogError(f"{path}: is empty, expected an MCAP file.")
     if MAGIC.startswith(start):
@@ -54,6 +60,8 @@ def kind_of(path: Path) -> Kind:
     for magic, name in _OTHER_FORMATS.items():
         if start.startswith(magic):
             raise LogError(f"{path}: is not MCAP but {name}.")
+    if path.suffix.lower() in _TEXTS:
+        return Kind.CSV
     line = start.decode("latin-1").splitlines()[0]
     shown = f"the text '{line[:40]}'" if line.isprintable() and line else f"the bytes {start[:8].hex(' ')}"
     raise LogError(f"{path}: is not an MCAP file; it begins with {shown}.")

@@ -14,12 +14,14 @@ from massid.log.alignment import Alignment, align
 from massid.log.clocks import Stream, settle
 from massid.log.columns import TopicColumns
 from massid.log.containers import read_messages
+from massid.log.files import kind_of
 from massid.log.joints import Joints, read_joints
 from massid.log.mcap.container import NO_CHECKSUM, Contents, TopicInfo
 from massid.log.mcap.schemas import JOINT_STATE as JOINT_STATE_TYPE
 from massid.log.mcap.schemas import ODOMETRY, WRENCH_STAMPED
 from massid.log.roles import Base, Contact, read_base, read_contact
 from massid.log.silence import fill_silence
+from massid.log.tables import TABLES, Table, read_table
 from massid.log.topics.kinds import adapted
 from massid.log.topics.map import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
 from massid.log.writer import COMPLETE, METADATA_NAME
@@ -38,7 +40,8 @@ def read_walk(path: Path | str, topics: TopicMap | None = None) -> Walk:
 
     Args:
         path: an MCAP file, also a `.partial` one that a killed recorder left; a folder of `ros2 bag record`; a rosbag2
-            SQLite file or a ROS 1 bag, with the package rosbags.
+            SQLite file or a ROS 1 bag, with the package rosbags; a table (CSV, NumPy .npz, Parquet) whose columns
+            `topics` names.
         topics: which topic plays which role, by default the names that `massid` records; see `load_topics`.
 
     Raises:
@@ -47,6 +50,9 @@ def read_walk(path: Path | str, topics: TopicMap | None = None) -> Walk:
     """
     path = Path(path)
     reader = _Reader(str(path), topics or TopicMap())
+    kind = None if path.is_dir() else kind_of(path)
+    if kind in TABLES:
+        return reader.walk(reader.take_table(read_table(path, kind)))
     contents = read_messages(path, reader.topics.uses, reader.receive)
     try:
         return reader.walk(contents)
@@ -71,6 +77,15 @@ class _Reader:
             self.topics = adapted(self.topics, info)
             self.columns[info.topic] = TopicColumns(self.source, info, self.topics.fields(info.topic))
         self.columns[info.topic].receive(info, records)
+
+    def take_table(self, table: Table) -> Contents:
+        """Take the rows of a table for the messages of every topic that the map names."""
+        times = table.times_ns(self.topics.time)
+        infos = {name: replace(table.info, topic=name) for name in self.topics.topics()}
+        for name, info in infos.items():
+            wanted = self.topics.fields(name)
+            self.columns[name] = TopicColumns(self.source, info, wanted, blocks=[table.block(wanted, times)])
+        return Contents(infos, {}, ())
 
     def walk(self, contents: Contents) -> Walk:
         self.warnings += contents.warnings

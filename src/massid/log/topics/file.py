@@ -34,6 +34,7 @@ from massid.log.topics.map import (
     Silence,
     Source,
     TextField,
+    TimeColumn,
     TopicMap,
 )
 
@@ -193,7 +194,7 @@ def _shown(value: Any) -> str:
 
 
 def _build(node: _Node, name: str) -> TopicMap:
-    node.mapping(("description", "clock", "rate", "lag_s", "base", "joints", "contacts", "supply"))
+    node.mapping(("description", "time", "clock", "rate", "lag_s", "base", "joints", "contacts", "supply"))
     lag = node.child("lag_s")
     lags = {key: lag.child(key).number() for key in lag.mapping(_STREAMS)} if lag.value is not None else {}
     supply = node.child("supply")
@@ -205,9 +206,17 @@ def _build(node: _Node, name: str) -> TopicMap:
         clock=node.child("clock").choice(Clock, Clock.AUTO),
         rate=node.child("rate").choice(Rate, Rate.AUTO),
         lag_s=lags,
+        time=_time(node.child("time")) if node.has("time") else None,
         supply=advice,
         name=name,
     )
+
+
+def _time(node: _Node) -> TimeColumn:
+    if not isinstance(node.value, dict):
+        return TimeColumn(node.text())
+    node.mapping(("field", "scale"))
+    return TimeColumn(node.child("field").text(), node.child("scale").number() if node.has("scale") else 1.0)
 
 
 def _source(group: _Node, key: str, *more: str) -> Source:

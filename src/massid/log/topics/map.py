@@ -77,6 +77,14 @@ class Source:
 
 
 @dataclass(frozen=True)
+class TimeColumn:
+    """The column of a table that holds the time of its rows, and its unit [s]."""
+
+    field: str
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
 class TextField:
     """A name that the messages themselves hold, at this path."""
 
@@ -205,6 +213,7 @@ class TopicMap:
         clock: where time comes from.
         rate: which topic's rate a walk gets if they differ.
         lag_s: by stream ("joints", "effort", "wrench"), how much later than the base's its samples are stamped [s].
+        time: of a table, the column of time; None for one with a usual name.
         supply: by role, what can supply it on this robot: said when it is missing.
         name: of the preset or file, for messages.
     """
@@ -215,6 +224,7 @@ class TopicMap:
     clock: Clock = Clock.AUTO
     rate: Rate = Rate.AUTO
     lag_s: Mapping[str, float] = field(default_factory=dict)
+    time: TimeColumn | None = None
     supply: Mapping[str, str] = field(default_factory=dict)
     name: str = "massid"
 
@@ -224,6 +234,11 @@ class TopicMap:
             if group is not None:
                 for quantity, source in group.sources.items():
                     yield role, quantity, source
+
+    def topics(self) -> tuple[str, ...]:
+        """Every topic that the map names, patterns as they are."""
+        names = [source.topic for _, _, source in self.sources()] + [contact.topic for contact in self.contacts]
+        return tuple(dict.fromkeys(names))
 
     def contacts_of(self, topic: str) -> dict[str, ContactMap]:
         """Return the contact maps that a topic belongs to, by a key of their own.
