@@ -128,6 +128,19 @@ def test_a_clock_that_is_off_by_a_constant_is_found_and_said(foreign, tmp_path: 
     assert_same(read_walk(log.path, load_topics(tmp_path / "map.yaml")), make_samples(N))
 
 
+def test_stamps_that_are_off_by_little_are_said_and_left(foreign) -> None:
+    """A force sensor whose messages are under way for long, or a computer whose clock is off: nothing tells which."""
+    log = foreign(N)
+    for foot in FEET:
+        for row in range(N):
+            log.set_stamp(f"/contact/{foot}", row, START_NS + (row - 40) * STEP_NS)
+    walk = read_walk(log.write(log_times={row: START_NS + row * STEP_NS for row in range(N)}))
+    assert len(walk) == N - 40
+    said = [line for line in walk.warnings if "are 0.04 s before those of the others" in line]
+    assert len(said) == len(FEET)
+    assert all("`clock: log`" in line for line in said)
+
+
 def test_recording_late_is_no_other_clock(foreign) -> None:
     """Messages that were under way for up to a tenth of a second are not shifted."""
     rng = np.random.default_rng(2)

@@ -12,7 +12,7 @@ import numpy as np
 from massid.audit.forces import check_torques
 from massid.audit.inner_steps import FACTOR, with_inner_steps
 from massid.audit.lag import Lag, lag_margin
-from massid.audit.names import without_prefix
+from massid.audit.names import check_names, without_prefix
 from massid.audit.report import Audit, audit_walk
 from massid.errors import BadInputError, LogError
 from massid.log import TopicMap, read_walk
@@ -66,6 +66,7 @@ def prepare_walk(
     if walk is None:
         walk = source if isinstance(source, Walk) else read_walk(source, topics)
     walk = without_prefix(walk, robot)
+    check_names(walk, robot)
     robot = robot.locked(_locked(robot, walk, topics))
     steps, noisy = min(robot.steps_in(walk.timestep_s), _MOST_STEPS), looks_noisy(walk)
     factor = 1 if noisy else steps  # interpolated noise looks like motion, and the log like one without noise

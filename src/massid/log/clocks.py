@@ -24,6 +24,8 @@ _TOO_CLOSE = 0.5  # of a period: sorted samples this close are not of one clock
 _LEAST_PAUSE_NS = NANOSECONDS
 _OTHER_CLOCK_NS = NANOSECONDS // 2
 """No message is under way for so long: what is off by more is another clock."""
+_DOUBTFUL_NS = NANOSECONDS // 66
+"""A message may be under way for this long, or its clock be off: that is said."""
 _STEADY = 0.1  # quartiles of a constant offset scatter by less than this share of it
 _TOGETHER = 0.5  # share of a stream that must have been recorded while the reference was
 
@@ -162,7 +164,7 @@ def _put_in_order(stream: Stream) -> _Ordered:
 
 
 def _restarts_itself(stamps: IntArray, log_ns: IntArray) -> bool:
-    """Whether times of recording restart with the stamps, as where they are those of a simulation: they order nothing."""
+    """Whether times of recording restart with the stamps, as those of a simulation do: they order nothing."""
     edges = [0, *_restarts(stamps), len(stamps)]
     ranges = sorted((int(log_ns[a:b].min()), int(log_ns[a:b].max())) for a, b in pairwise(edges))
     return any(later[0] <= earlier[1] for earlier, later in pairwise(ranges))
@@ -326,9 +328,17 @@ def _on_one_clock(streams: Mapping[str, Stream]) -> tuple[dict[str, Stream], lis
             groups[-1].append(name)
         else:
             groups.append([name])
-    if len(groups) < 2:
-        return dict(streams), []
     most = max(groups, key=lambda group: (len(group), names[0] in group))
+    middle = offsets[names[0] if names[0] in most else most[0]]
+    doubtful = {name: offsets[name] - middle for name in most if abs(offsets[name] - middle) > _DOUBTFUL_NS}
+    doubts = [
+        f"header stamps of {name} are {abs(off) / NANOSECONDS:.3g} s {'before' if off > 0 else 'after'} those of the "
+        "others when recorded at the same time: its messages are under way that long, or its clock is off; then use "
+        "`clock: log` in a topic map."
+        for name, off in doubtful.items()
+    ]
+    if len(groups) < 2:
+        return dict(streams), doubts
     reference = streams[most[0]].stamps_ns
     out, lines = dict(streams), []
     for group in groups:
@@ -344,7 +354,7 @@ def _on_one_clock(streams: Mapping[str, Stream]) -> tuple[dict[str, Stream], lis
             "others, while they were recorded at the same time: another clock. They were shifted by that; "
             "`clock: log` in a topic map takes the times of recording instead."
         )
-    return out, lines
+    return out, lines + doubts
 
 
 def _offsets(streams: Mapping[str, Stream]) -> dict[str, int] | None:

@@ -22,7 +22,7 @@ from massid.log.mcap.schemas import ODOMETRY, WRENCH_STAMPED
 from massid.log.roles import Base, Contact, read_base, read_contact
 from massid.log.silence import fill_silence
 from massid.log.tables import TABLES, Table, read_table
-from massid.log.topics.kinds import adapted
+from massid.log.topics.kinds import POSES, adapted
 from massid.log.topics.map import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
 from massid.log.writer import COMPLETE, METADATA_NAME
 from massid.typing import FloatArray
@@ -162,6 +162,19 @@ class _Reader:
         listed = ", ".join(f"{info.topic} ({info.message_type})" for info in contents.topics.values())
         fitting = [info.topic for info in contents.topics.values() if info.message_type == message_type]
         advice = f"Could supply it: {', '.join(fitting)}." if fitting else f"A topic of {message_type} supplies it."
+        setting = {
+            BASE_STATE: "base: {topic: NAME",
+            JOINT_STATE: "joints: {topic: NAME",
+            WRENCH: "contacts: [{topic: NAME",
+        }
+        if fitting:
+            advice += f" `{setting[role]}{'}]' if role == WRENCH else '}'}` in a topic map takes one."
+        poses = [info.topic for info in contents.topics.values() if info.message_type in POSES]
+        if role == BASE_STATE and poses and not fitting:
+            advice += (
+                f" {', '.join(poses)} may hold its pose: `base: {{topic: {poses[0]}, body: NAME}}` in a topic map "
+                "takes it and derives the velocities."
+            )
         return f"{advice} The log has: {listed or 'no topics'}."
 
     def contact_topics(self, contents: Contents) -> dict[str, tuple[str, ContactMap, TopicColumns]]:

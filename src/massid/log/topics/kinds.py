@@ -8,12 +8,13 @@ from massid.errors import LogError
 from massid.log.mcap.container import TopicInfo
 from massid.log.topics.map import BaseMap, Source, TextField, TopicMap
 
-_PREFIX = {
+POSES = {
     "geometry_msgs/msg/PoseStamped": "pose",
     "geometry_msgs/msg/PoseWithCovarianceStamped": "pose.pose",
     "geometry_msgs/msg/TransformStamped": "transform",
     "tf2_msgs/msg/TFMessage": "transforms[child_frame_id={body}].transform",
 }
+"""Messages that hold a pose, and where."""
 _NAMES = {"position": ("position", "translation"), "orientation": ("orientation", "rotation")}
 _VELOCITIES = ("linear_velocity", "angular_velocity")
 
@@ -26,7 +27,7 @@ def adapted(topics: TopicMap, info: TopicInfo) -> TopicMap:
     Raises:
         LogError: the topic is one of transforms, and the map does not name the body.
     """
-    base, prefix = topics.base, _PREFIX.get(info.message_type)
+    base, prefix = topics.base, POSES.get(info.message_type)
     default = TopicMap().base
     if base is None or prefix is None or default is None:
         return topics
