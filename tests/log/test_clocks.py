@@ -75,6 +75,16 @@ def test_a_clock_that_restarts_pairs_no_samples_of_two_runs(foreign, lost, pause
     assert any("clock of the stamps restarts 1 time, on /odom by" in line for line in walk.warnings)
 
 
+def test_a_part_that_stands_in_the_file_twice_counts_once(foreign) -> None:
+    """As after merging recordings that overlap: the same messages, recorded at the same times."""
+    log = foreign(N)
+    for topic in TYPES:
+        log.messages[topic] += log.messages[topic][20:120]
+    walk = read_walk(log.write())
+    assert_same(walk, make_samples(N))
+    assert any("/odom: 100 messages stand in the log twice" in line for line in walk.warnings)
+
+
 def test_times_of_recording_that_restart_as_well_order_nothing(foreign) -> None:
     """As in a simulation whose recorder takes its time, or in a table of several episodes."""
     rng = np.random.default_rng(3)

@@ -431,6 +431,16 @@ def test_repeated_samples_are_left_out_and_counted(foreign):
     walk = read_walk(log.write())
     assert_same(walk, make_samples(N))
     assert walk.segments == (Segment(0, N),)
+    assert f"{log.path}: /odom: 1 messages stand in the log twice; each was taken once." in walk.warnings
+
+
+def test_stamps_that_repeat_are_left_out_and_counted(foreign):
+    """A publisher that sends on after its clock has stopped."""
+    log = foreign(N)
+    for topic in TYPES:
+        log.set_stamp(topic, 13, START_NS + 12 * STEP_NS)
+    walk = read_walk(log.write(log_times={row: START_NS + row * STEP_NS for row in range(N)}))
+    assert_bridged(walk, make_samples(N), [13])
     assert f"{log.path}: /odom: 1 samples repeat the stamp before them, first sample 13; left out." in walk.warnings
 
 

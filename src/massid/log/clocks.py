@@ -190,7 +190,7 @@ def _restarts(stamps: IntArray) -> list[int]:
             continue
         before = np.median(stamps[max(0, place - _AROUND) : place])
         after = np.median(stamps[place : place + _AROUND])
-        if after >= before:
+        if after > before:
             continue
         if found and place - found[-1] < _AROUND:
             if stamps[place - 1] - stamps[place] > stamps[found[-1] - 1] - stamps[found[-1]]:
@@ -221,7 +221,7 @@ def _forward(stamps: IntArray, rows: IntArray) -> _Run:
         return _Run(rows, [], repeated, [], 0)
     order = np.argsort(stamps[rows], kind="stable")
     steps = np.diff(stamps[rows[order]])
-    period = np.median(steps)
+    period = np.median(steps[steps > 0]) if steps.any() else 1
     apart = np.abs(np.diff(order)) > 1
     close = apart & (steps < _TOO_CLOSE * period)
     if not close.any() and np.abs(order - np.arange(len(order))).max() <= _AROUND:

@@ -14,6 +14,9 @@ from massid.log.messages.decoding import Block, Decoder, DecodingError, Unreadab
 from massid.typing import BoolArray, FloatArray, IntArray
 
 
+_AFTER_SEQUENCE = 6  # in a message record, after its channel and number: times and message
+
+
 @dataclass
 class TopicColumns:
     """Decodes the messages of one topic as they come, whatever channels they come on.
@@ -25,6 +28,7 @@ class TopicColumns:
         name: the topic, and which of its messages these are if they are not all.
         blocks: what was decoded so far, in the order of the file.
         unreadable: messages that could not be decoded.
+        twice: messages that stood in the log before.
         unusable: why rows must be left out, with their number, in the order found.
     """
 
@@ -34,11 +38,13 @@ class TopicColumns:
     name: str = ""
     blocks: list[Block] = field(default_factory=list)
     unreadable: int = 0
+    twice: int = 0
     unusable: list[str] = field(default_factory=list)
     _first_unreadable: str = ""
     _bad: BoolArray | None = None
     _decoders: dict[TopicInfo, Decoder] = field(default_factory=dict)
     _notes: list[str] = field(default_factory=list)
+    _seen: set[int] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.name = self.name or self.info.topic
@@ -59,12 +65,27 @@ class TopicColumns:
             except DecodingError as error:
                 raise LogError(f"{self.where}: {error}.") from error
             self._notes += self._decoders[info].notes
-        for item in self._decoders[info].decode(records):
+        records = self._once(records)
+        for item in self._decoders[info].decode(records) if records else ():
             if isinstance(item, Unreadable):
                 self.unreadable += 1
                 self._first_unreadable = self._first_unreadable or f"sample {len(self)}: {item.reason}"
             else:
                 self.blocks.append(item)
+
+    def _once(self, records: list[bytes]) -> list[bytes]:
+        """The records that did not come before, bit by bit at the same time, as where recordings overlap."""
+        keys = [hash(record[_AFTER_SEQUENCE:]) for record in records]
+        if len(set(keys)) == len(keys) and self._seen.isdisjoint(keys):
+            self._seen.update(keys)
+            return records
+        new = []
+        for key, record in zip(keys, records, strict=True):
+            if key not in self._seen:
+                self._seen.add(key)
+                new.append(record)
+        self.twice += len(records) - len(new)
+        return new
 
     def parts(self, path: str) -> dict[tuple[str, ...], TopicColumns]:
         """The messages by the texts that they hold at a path, each kind with columns of its own; of one kind, itself.
@@ -179,6 +200,8 @@ class TopicColumns:
     def warnings(self) -> list[str]:
         """What was lost on this topic, one line each."""
         lines = [f"{self.info.topic}: {note}." for note in self._notes] + self.unusable
+        if self.twice:
+            lines.append(f"{self.info.topic}: {self.twice} messages stand in the log twice; each was taken once.")
         if self.unreadable:
             lines.append(
                 f"{self.info.topic}: {self.unreadable} messages cannot be decoded and are left out; the first, "

@@ -17,6 +17,7 @@ from massid.walk.conventions import NANOSECONDS
 _LARGEST = 1e100  # its square is still a number
 _MOST = 0.5  # share of the samples beyond which a channel holds no number rather than losing some
 _LISTED = 6
+_FEWEST = 3
 _FEW, _SLOWEST_S = 0.1, 0.02  # share of the samples, and sample period, up to which single values are interpolated
 
 
@@ -128,6 +129,8 @@ def check_finite(
 
 def _holes(columns: TopicColumns, bad: BoolArray) -> BoolArray:
     """Of the values that are no numbers those that stand alone in their channel, in few rows, not in all of them."""
+    if len(bad) < _FEWEST:
+        return np.zeros_like(bad)
     times = columns.header_ns()
     period_ns = float(np.median(np.diff(columns.log_ns() if times is None else times)))
     out = np.zeros_like(bad)

@@ -186,7 +186,8 @@ def _npz(path: Path) -> dict[str, AnyArray]:
     with zipfile.ZipFile(path) as archive:
         _check_size(path, sum(entry.file_size for entry in archive.infolist()))
     with np.load(path, allow_pickle=False) as arrays:
-        return {name: arrays[name] for name in arrays.files if arrays[name].dtype.kind in "fiubM"}
+        members = {name: arrays[name] for name in arrays.files}  # other files in the archive are bytes
+    return {name: one for name, one in members.items() if isinstance(one, np.ndarray) and one.dtype.kind in "fiubM"}
 
 
 def _parquet(path: Path) -> dict[str, AnyArray]:
