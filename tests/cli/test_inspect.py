@@ -150,3 +150,8 @@ def test_locked_joints_are_left_to_the_map(log: Path, tmp_path: Path, capsys: py
     (tmp_path / "ignored.yaml").write_text("preset: massid\njoints: {ignore: [l_ankle]}\n")
     assert main([*arguments, "--topics", str(tmp_path / "ignored.yaml")]) == 2
     assert "`locked` in a topic map says where it was held" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_links_of_a_log_are_refused_by_name(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["links", str(log)]) == 2
+    assert "is a log, expected a robot's MJCF file" in capsys.readouterr().err

@@ -53,7 +53,8 @@ class Identify:
     """
 
     logs: tyro.conf.Positional[tuple[Path, ...]]
-    """MCAP logs of walks of one robot; online they follow each other, offline their scores are added."""
+    """Logs of walks of one robot, as massid inspect takes them; online they follow each other, offline their scores are
+    added."""
     model: OptionalModel = None
     """MJCF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
     links: OptionalLinks = None

@@ -42,7 +42,8 @@ class Inspect:
     """
 
     logs: tyro.conf.Positional[tuple[Path, ...]]
-    """Logs of walks of one robot: MCAP files, folders of ros2 bag record, rosbag2 SQLite files or ROS 1 bags."""
+    """Logs of walks of one robot: MCAP files, folders of ros2 bag record, rosbag2 SQLite files, ROS 1 bags, or tables
+    (CSV, NumPy .npz, Parquet) with a topic map."""
     model: OptionalModel = None
     """MJCF file of the robot, or the name of a shipped one; default the shipped model that made the log, if any."""
     topics: OptionalTopics = None

@@ -13,7 +13,6 @@ from massid.log.mcap.container import TopicInfo
 from massid.log.messages.decoding import Block, Decoder, DecodingError, Unreadable, make_decoder
 from massid.typing import BoolArray, FloatArray, IntArray
 
-
 _AFTER_SEQUENCE = 6  # in a message record, after its channel and number: times and message
 
 
