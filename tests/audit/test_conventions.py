@@ -18,7 +18,7 @@ from massid.audit.names import without_prefix
 from massid.errors import LogError
 from massid.log import read_walk
 from massid.model.robot import Robot
-from massid.walk import Walk
+from massid.walk import Segment, Walk
 from massid.walk.conventions import to_world
 from massid.walk.noise import PRESETS, NoisePreset, Sensors
 from massid.weighing import load_robot
@@ -139,6 +139,18 @@ def test_forces_are_not_blamed_for_a_state_that_was_misread() -> None:
     assert audit.misread
     assert [line for line in audit.warnings if "force" in line] == []
     assert len(audit.doubts) == 1
+
+
+def test_joints_in_degrees_are_told_by_their_limits() -> None:
+    """Positions and velocities alike, so that they agree with each other."""
+    walk = walked("clean")
+    qpos, qvel = walk.qpos.copy(), walk.qvel.copy()
+    qpos[:, 7:], qvel[:, 6:] = np.degrees(qpos[:, 7:]), np.degrees(qvel[:, 6:])
+    spoilt = replace(walk, qpos=qpos, qvel=qvel, segments=(Segment(0, 500),))
+    audit = audit_walk(robot(), spoilt)
+    (line,) = audit.warnings
+    assert "look as if they were in degrees (position: scale: 0.0174533" in line
+    assert audit.misread
 
 
 def test_torques_that_are_all_zero_are_refused(pushed: Pushed) -> None:

@@ -8,7 +8,7 @@ from massid.audit.balance import measure_balance
 from massid.audit.forces import REST, Rest, Weight, check_rest, check_weight, torque_suspicions, weight_suspicions
 from massid.audit.kinematics import Kinematics, check_kinematics
 from massid.audit.lag import Lag, estimate_lag, lag_margin
-from massid.audit.limits import limit_suspicions
+from massid.audit.limits import in_degrees, limit_suspicions
 from massid.audit.one_step import OneStep, one_step_residual
 from massid.audit.self_contact import SelfContact, find_self_contact, self_contact_warnings, without_samples
 from massid.model.robot import Robot
@@ -70,9 +70,15 @@ def audit_walk(robot: Robot, walk: Walk, *, thorough: bool = False) -> Audit:
     if contact.samples.any():
         walk = without_samples(walk, contact.samples)
     weight = check_weight(robot, walk)
-    doubts = [*kinematics.suspicions, *weight_suspicions(weight)]
+    doubts = list(kinematics.suspicions)
     misread = kinematics.misread
-    lines += weight_suspicions(weight) + torque_suspicions(robot, walk)
+    if in_degrees(robot, walk):
+        doubts += limit_suspicions(robot, walk)
+        misread = True
+    if not misread:  # in a wrong pose every force leans
+        doubts += weight_suspicions(weight)
+        lines += weight_suspicions(weight)
+    lines += torque_suspicions(robot, walk)
     balance = measure_balance(robot, walk, lag_margin(walk))
     lag = rest = one_step = None
     if balance is not None:
@@ -80,7 +86,7 @@ def audit_walk(robot: Robot, walk: Walk, *, thorough: bool = False) -> Audit:
         if lag is None or not lag.believed:
             rest = check_rest(robot, walk, balance)
             # With a wrong state no force fits: then the state's own suspicion is the one to follow.
-            told = rest.suspicions if not kinematics.suspicions or rest.names_a_setting else ()
+            told = rest.suspicions if not (misread or kinematics.suspicions) or rest.names_a_setting else ()
             lines += told
             doubts += told if rest.share > REST else ()
             misread |= rest.names_a_setting
