@@ -28,6 +28,8 @@ ONLY_IN = {
     "daqp": {"walking"},
     "ruamel": {"log"},
     "google": {"log"},
+    "rosbags": {"log"},
+    "pyarrow": {"log"},
     "msgspec": {"result", "score"},
 }
 """Libraries that one room keeps to itself."""

@@ -273,6 +273,8 @@ class Weighing:
             result = identify(self.logs, self.robot, self.options, progress, stop)
             if self.may_replay and result.status is Status.NOT_CONVERGED and not result.stopped:
                 result = self._replayed(result, progress, stop)
+        if any(one.audit.misread for one in self.prepared):
+            result = result.denied()
         evidence = Evidence(
             robot=self.robot,
             complete=self.complete,

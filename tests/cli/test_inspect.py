@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from massid.assets import sample_walk
-from massid.cli import main
+from massid.cli import MISREAD, main
 from massid.cli.inspect import _lag
-from massid.log import WalkWriter, read_walk
+from massid.log import WalkWriter, read_walk, write_walk
 from tests.conftest import Pushed
+
+ARRAYS = ("stamps_ns", "qpos", "qvel", "effort", "wrench")
 
 
 @pytest.fixture
@@ -53,6 +56,56 @@ def test_inspect_calls_nothing_measured_that_is_not(log: Path, tmp_path: Path) -
     walk = read_walk(log)
     assert _lag(0.0012, walk) == "+1.20 ms"
     assert _lag(-0.02458, walk) == "not measurable"
+
+
+def test_inspect_gathers_several_logs_for_a_program(log: Path, tmp_path: Path) -> None:
+    walk, logs = read_walk(log), [str(tmp_path / "first.mcap"), str(tmp_path / "second.mcap")]
+    for k, path in enumerate(logs):
+        write_walk(
+            replace(walk, **{name: getattr(walk, name)[700 * k : 700 * k + 700] for name in ARRAYS}, segments=()), path
+        )
+    arguments = [
+        *logs,
+        "--model",
+        str(tmp_path / "robot.xml"),
+        "--links",
+        "torso",
+        "--json",
+        str(tmp_path / "found.json"),
+    ]
+    code = main(["inspect", *arguments])
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert found["exit_code"] == code == 0
+    assert [one["walk"]["samples"] for one in found["logs"]] == [700, 700]
+    assert {topic["topic"] for topic in found["logs"][1]["topics"]} >= {"/odom", "/joint_states"}
+    assert all(link["identifiable"] for link in found["links"])
+    assert found["doubts"] == []
+
+
+def test_a_log_that_contradicts_how_it_is_read_is_not_called_identifiable(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    turned = tmp_path / "turned.yaml"
+    turned.write_text("preset: massid\njoints: {effort: {field: effort, scale: -1}}\n")
+    arguments = [str(log), "--model", str(tmp_path / "robot.xml"), "--topics", str(turned)]
+    assert main(["inspect", *arguments]) == MISREAD
+    said = capsys.readouterr().out
+    assert "identifiable" not in said
+    assert "no mass found from this log means anything before these are settled" in said
+    assert "(effort: scale: -1)" in " ".join(said.split())
+    assert main(["identify", *arguments, "--dwell-s", "0.1"]) == MISREAD
+    assert "verdict, if what the warnings say were settled:" in capsys.readouterr().out
+
+
+def test_inspect_ends_as_identify_would(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    walk = read_walk(log)
+    short = tmp_path / "short.mcap"
+    write_walk(replace(walk, **{name: getattr(walk, name)[:300] for name in ARRAYS}, segments=()), short)
+    arguments = [str(short), "--model", str(tmp_path / "robot.xml")]
+    assert main(["inspect", *arguments]) == main(["identify", *arguments]) == 2
+    assert "do not fill one dwell window" in capsys.readouterr().err
+    assert main(["inspect", str(log), "--links", "torso"]) == 2
+    assert "--links are those of a robot: name it (--model)" in capsys.readouterr().err
 
 
 def test_inspect_without_a_model_still_tells_what_is_in_the_file(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -97,3 +150,8 @@ def test_locked_joints_are_left_to_the_map(log: Path, tmp_path: Path, capsys: py
     (tmp_path / "ignored.yaml").write_text("preset: massid\njoints: {ignore: [l_ankle]}\n")
     assert main([*arguments, "--topics", str(tmp_path / "ignored.yaml")]) == 2
     assert "`locked` in a topic map says where it was held" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_links_of_a_log_are_refused_by_name(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["links", str(log)]) == 2
+    assert "is a log, expected a robot's MJCF file" in capsys.readouterr().err

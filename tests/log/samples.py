@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from rosbags.typesys import Stores, get_typestore
 
 from massid.log import WalkWriter
-from massid.walk import Walk
+from massid.walk import Segment, Walk
 
 START_NS = 1_760_000_000_123_456_789
 STEP_NS = 1_000_000
@@ -70,6 +71,33 @@ def assert_same(walk: Walk, samples: Samples, rows: slice | np.ndarray = slice(N
         assert_array_equal(walk.wrench[:, column], samples.wrenches[body][rows])
 
 
+def assert_bridged(walk: Walk, samples: Samples, lost: Sequence[int]) -> None:
+    """The walk has all stamps in one piece, and exactly these samples but for those that were lost."""
+    assert_array_equal(walk.stamps_ns, samples.stamps)
+    assert walk.segments == (Segment(0, len(samples)),)
+    rows = np.delete(np.arange(len(samples)), lost)
+    kept = {name: getattr(walk, name)[rows] for name in ("stamps_ns", "qpos", "qvel", "effort", "wrench")}
+    assert_same(replace(walk, segments=(), **kept), samples, rows)
+
+
+def smooth_samples(n: int) -> Samples:
+    """A motion whose velocities are those of its positions, at 10 rad/s."""
+    time_s = 1e-3 * np.arange(n)[:, None]
+    phase = np.arange(7 + len(JOINTS))
+    wave, slope = np.sin(10.0 * time_s + phase), 10.0 * np.cos(10.0 * time_s + phase)
+    qpos, qvel = wave.copy(), np.hstack([slope[:, :3], np.zeros((n, 3)), slope[:, 7:]])
+    angle = 0.3 * wave[:, 3]
+    qpos[:, 3:7] = np.column_stack([np.cos(angle / 2), np.zeros((n, 2)), np.sin(angle / 2)])
+    qvel[:, 5] = 0.3 * slope[:, 3]
+    return Samples(
+        stamps=START_NS + STEP_NS * np.arange(n),
+        qpos=qpos,
+        qvel=qvel,
+        effort=50.0 * wave[:, 7:],
+        wrenches={body: 300.0 * wave[:, :6] + 400.0 for body in FEET},
+    )
+
+
 def rotation(wxyz: np.ndarray) -> np.ndarray:
     """Rotation matrix from the body to the world."""
     w, x, y, z = wxyz
@@ -92,6 +120,12 @@ class Foreign:
         self.path = path
         self.store = get_typestore(Stores.ROS2_JAZZY)
         self.types = dict(TYPES)
+        self.names: dict[str, str] = {}  # what a topic calls its messages in the file
+        self.definitions: dict[str, bytes] = {}
+        self.encode: Callable[[bytes], bytes] = lambda data: data
+        self.serialize: Callable[[Any, str], bytes] | None = None
+        self.stamp_of: Callable[[Any], Any] = lambda message: message.header.stamp
+        self.channel: Callable[[str, int], int] = lambda topic, row: 0
         self.messages: dict[str, list[Any]] = {topic: [] for topic in TYPES}
         for row in range(len(samples)):
             self._add(samples, row)
@@ -163,22 +197,62 @@ class Foreign:
         *,
         little_endian: bool = True,
         schema_encoding: str = "ros2msg",
+        message_encoding: str = "cdr",
+        order: Sequence[tuple[str, int]] | None = None,
         log_times: Mapping[int, int] | None = None,
         **options: Any,
     ) -> Path:
-        """Write topic after topic; `log_times` by row differ from the stamps, `options` are those of mcap's writer."""
+        """Write topic after topic, or in an order of topics and rows.
+
+        `log_times` by row differ from the stamps, `options` are those of mcap's writer.
+        """
         settings: dict[str, Any] = {"chunk_size": 4096, "compression": CompressionType.LZ4, **options}
         with self.path.open("wb") as stream:
             writer = Writer(stream, **settings)
             writer.start(profile="ros2", library="another recorder")
-            for topic, messages in self.messages.items():
-                name = self.types[topic]
-                text, _ = self.store.generate_msgdef(name, ros_version=2)
-                schema = writer.register_schema(name, schema_encoding, text.encode())
-                channel = writer.register_channel(topic, "cdr", schema)
-                for row, message in enumerate(messages):
-                    data = bytes(self.store.serialize_cdr(message, name, little_endian=little_endian))
-                    stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-                    writer.add_message(channel, (log_times or {}).get(row, stamp), data, stamp)
+            channels: dict[tuple[str, int], int] = {}
+            places = [(topic, row) for topic, messages in self.messages.items() for row in range(len(messages))]
+            for topic in self.messages:
+                self._channel(writer, channels, (topic, 0), schema_encoding, message_encoding)
+            for topic, row in places if order is None else order:
+                name, message = self.types[topic], self.messages[topic][row]
+                key = (topic, self.channel(topic, row))
+                channel = self._channel(writer, channels, key, schema_encoding, message_encoding)
+                data = (
+                    self.serialize(message, name)
+                    if self.serialize
+                    else bytes(self.store.serialize_cdr(message, name, little_endian=little_endian))
+                )
+                time = self.stamp_of(message)
+                stamp = time.sec * 10**9 + time.nanosec
+                writer.add_message(channel, (log_times or {}).get(row, stamp), self.encode(data), stamp)
             writer.finish()
         return self.path
+
+    def _channel(
+        self,
+        writer: Writer,
+        channels: dict[tuple[str, int], int],
+        key: tuple[str, int],
+        schema_encoding: str,
+        message_encoding: str,
+    ) -> int:
+        if key not in channels:
+            name = self.types[key[0]]
+            text = self.definitions.get(name, self.store.generate_msgdef(name, ros_version=2)[0].encode())
+            schema = writer.register_schema(self.names.get(key[0], name), schema_encoding, text)
+            channels[key] = writer.register_channel(key[0], message_encoding, schema, {"number": str(key[1])})
+        return channels[key]
+
+
+@cache
+def _ros1() -> Any:
+    return get_typestore(Stores.ROS1_NOETIC)
+
+
+def as_ros1(message: Any, name: str) -> bytes:
+    """A message as ROS 1 serialises it."""
+    store = _ros1()
+    header = store.types["std_msgs/msg/Header"](seq=3, stamp=message.header.stamp, frame_id=message.header.frame_id)
+    fields = {key: getattr(message, key) for key in message.__dataclass_fields__ if not key.startswith("__")}
+    return bytes(store.serialize_ros1(store.types[name](**{**fields, "header": header}), name))

@@ -145,8 +145,8 @@ def test_damaged_metadata_is_said_though_no_sample_is_lost(tmp_path, short):
         (b"time,q1,q2\n0.0,1,2\n", "is not an MCAP file; it begins with the text 'time,q1,q2'"),
         (b"\x00\x01\x02\x03\xff", "is not an MCAP file; it begins with the bytes 00 01 02 03 ff"),
         (b"\n\n", "is not an MCAP file; it begins with the bytes 0a 0a"),
-        (b"SQLite format 3\0", "is not MCAP but a rosbag2 SQLite file; convert it"),
-        (b"#ROSBAG V2.0\n", "is not MCAP but a ROS 1 bag"),
+        (b"SQLite format 3\0", "is a rosbag2 SQLite file, but not named so: expected NAME.db3"),
+        (b"#ROSBAG V2.0\n", "a ROS 1 bag that cannot be read"),
         (MAGIC, "no base state: topic /odom is not in the log.*The log has: no topics"),
     ],
 )
@@ -158,10 +158,10 @@ def test_a_file_that_is_no_log_is_named(tmp_path, content, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_numpy_archive_is_named(tmp_path):
+def test_a_numpy_archive_of_no_numbers_is_named(tmp_path):
     with zipfile.ZipFile(tmp_path / "walk.npz", "w") as archive:
         archive.writestr("qpos.npy", b"")
-    with pytest.raises(LogError, match=r"is not MCAP but a zip or NumPy \.npz archive"):
+    with pytest.raises(LogError, match=r"walk.npz: holds no column of numbers"):
         read_walk(tmp_path / "walk.npz")
 
 
@@ -171,5 +171,7 @@ def test_a_missing_file_and_a_folder_say_what_is_there(tmp_path, content):
     (tmp_path / "other.mcap").write_bytes(content)
     with pytest.raises(LogError, match=r"walk.mcap: does not exist; the folder .* has other.mcap"):
         read_walk(tmp_path / "walk.mcap")
-    with pytest.raises(LogError, match=r"is a folder, expected an MCAP file; it has other.mcap"):
+    with pytest.raises(
+        LogError, match=r"is a folder, expected a log or a folder of `ros2 bag record`.*; it has other.mcap"
+    ):
         read_walk(tmp_path)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from massid.audit.balance import Balance
+from massid.audit.conventions import best_convention
+from massid.errors import LogError
 from massid.model.inverse import takes_stages
 from massid.model.kinematics import body_rotations
 from massid.model.robot import Robot
@@ -31,7 +34,9 @@ _RUNGE_KUTTA = (
     "the model integrates with RK4, whose step has no single torque and wrench; a simulation with Euler or "
     "implicitfast is replayed exactly"
 )
-_BETTER = 0.5
+_BETTER, _BETTER_FITTED, _BETTER_IN_NOISE = 0.5, 0.3, 0.7
+_WORTH = 1e-3
+"""Share of the required force below which no convention can be wrong."""
 _LEAST_ITERATIONS, _LARGEST_TOLERANCE = 30, 1e-6
 """Of a constraint solver that runs to the end: Newton's takes ten at most."""
 _NOTEWORTHY = 1e-3
@@ -115,6 +120,26 @@ def weight_suspicions(weight: Weight) -> list[str]:
     return [f"{said}: forces may not be in newtons, or a wrench may be counted twice."]
 
 
+def check_torques(robot: Robot, walk: Walk, passive: Sequence[str] = ()) -> None:
+    """Pass if a log shows any torque, or no load either, as in a free fall.
+
+    Args:
+        robot: with joints.
+        walk: aligned with the robot.
+        passive: joints that are said to have no actuator.
+
+    Raises:
+        LogError: the torque of every joint is zero all along, although the ground carries the robot.
+    """
+    if walk.effort.any() or not walk.wrench.any() or set(passive) >= set(walk.joint_names):
+        return
+    raise LogError(
+        f"{walk.source}: the effort of all {len(walk.joint_names)} joints of {robot.source} is 0 in every sample: the "
+        "log holds no torques (a simulator without an effort interface?), and without them no mass can be known. "
+        "`joints: effort` in a topic map says where they are."
+    )
+
+
 def torque_suspicions(robot: Robot, walk: Walk) -> list[str]:
     """Name driven joints that move while their torque channel reads one number all along, and others do not."""
     model, rows = robot.model, np.concatenate([np.arange(part.start, part.stop) for part in walk.segments])
@@ -145,19 +170,19 @@ class Rest:
         share: of the required force, root mean square over all degrees of freedom.
         joints: by degree of freedom ("base" for the free joint), the same for it alone.
         suspicions: what is probably wrong, one line each.
+        names_a_setting: whether they name the convention that would leave less.
     """
 
     share: float
     joints: dict[str, float]
     suspicions: tuple[str, ...]
+    names_a_setting: bool = False
 
 
 def check_rest(robot: Robot, walk: Walk, balance: Balance) -> Rest:
     """Look at what the balance leaves over, and for the convention that would leave less."""
     required = balance.smooth(balance.required)
     effort, wrench = balance.smooth(balance.effort(walk, robot)), balance.smooth(balance.wrench(walk))
-    in_world = np.einsum("kcji,kcpj->kcpi", balance.rotation, walk.wrench[balance.rows].reshape(*wrench_shape(balance)))
-    world = balance.smooth(balance.force_of(in_world.reshape(len(balance.rows), -1, 6)))
     size = float(np.linalg.norm(required)) or 1.0
 
     def left(terms: FloatArray) -> float:
@@ -167,17 +192,18 @@ def check_rest(robot: Robot, walk: Walk, balance: Balance) -> Rest:
     rest = balance.unexplained(required - effort - wrench).reshape(-1, balance.required.shape[1])
     joints = _by_joint(robot, rest, required.reshape(rest.shape))
     noise = np.hypot(_noise_of(robot, walk, balance, len(rest)), _SURE * _slow_errors(robot, walk, balance))
-    if share <= np.hypot(REST, noise / size):
-        return Rest(share, joints, _of_simulation(robot, walk, share))
-    trials = {
-        "the forces look as if they were those on the ground (contacts: on: ground)": required - effort + wrench,
-        "the torques look as if their sign were turned (effort: scale: -1)": required + effort - wrench,
-        "the wrenches look as if they were given in the world (contacts: frame: world)": required - effort - world,
-    }
-    best = min(trials, key=lambda reason: left(trials[reason]))
     said = f"{share:.0%} of the force that the motion took is explained neither by the log nor by any link masses"
-    if left(trials[best]) < _BETTER * share:
-        return Rest(share, joints, (f"{said}: {best} (then {left(trials[best]):.0%}).",))
+    if share > _WORTH:
+        other = best_convention(robot, walk, balance)
+        then = float(np.linalg.norm(other.rest)) / size
+        within = share <= np.hypot(REST, noise / size)
+        # Noise is left by every convention: beside it, the right one need not leave half.
+        if then < (_BETTER_IN_NOISE if within else _BETTER_FITTED if other.fitted else _BETTER) * share:
+            return Rest(share, joints, (f"{said}: {other.reason} (then {then:.0%}).",), names_a_setting=True)
+        if within:
+            return Rest(share, joints, _of_simulation(robot, walk, share))
+    else:
+        return Rest(share, joints, _of_simulation(robot, walk, share))
     worst = sorted(joints, key=lambda name: -joints[name])[:_SHOWN]
     listed = ", ".join(f"{name} {joints[name]:.0%}" for name in worst)
     return Rest(share, joints, (f"{said}, most of it at {listed}: {_reason(robot, worst)}.",))

@@ -4,19 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from massid.typing import FloatArray
+from massid.typing import FloatArray, IntArray
 from massid.walk import Walk
 from massid.walk.conventions import to_body, to_world
-from massid.walk.resampling import rotation_between
+from massid.walk.resampling import from_rotation, multiply, rotation_between
 from massid.walk.white_noise import white_level
 
 SPAN_S = 0.05
+LONG_SPANS_S = (0.5, 1.5)
+"""Over longer spans a convention shows through noise and on straight walks."""
 MISMATCH = 0.3
 """Share of the move that may stay unexplained; beyond it, something is wrong with a convention."""
+_LEAST = 0.005  # mismatch from which on a convention that leaves hardly any of it is named
 _BETTER = 0.3  # another convention is suspected if it leaves less than this share of the mismatch
+_SURE = 4.0  # and if that is so all along the walk: deviations of the gain's mean over parts of it
+_PARTS = 12
+_THEN = "(then"
+_FEWEST_SPANS = 5
+_FEWEST_TURNS = 100  # in which a long turn is followed
+_SCALED = 0.05  # mismatch of a joint from which on another scale that takes it away is named
 _MARGIN = 1.3  # noise levels read off a log are this uncertain
 _LEAST_MOVE = {"position": 1e-3, "attitude": 2e-3, "joint": 2e-3}  # m, rad, rad: root mean square over a span
 
@@ -30,33 +40,46 @@ class Kinematics:
         attitude: of the base's attitude; None if it hardly turns.
         joints: by joint, of those that move.
         suspicions: what is probably wrong, one line each.
+        misread: whether another convention of the base explains what this one does not.
     """
 
     position: float | None
     attitude: float | None
     joints: dict[str, float]
     suspicions: tuple[str, ...]
+    misread: bool = False
 
 
 def check_kinematics(walk: Walk) -> Kinematics:
     """Compare positions with velocities, and look for the convention that would make them agree."""
-    starts, span = _spans(walk)
+    starts, span = _spans(walk, SPAN_S)
     if not len(starts):
         return Kinematics(None, None, {}, ())
-    position, attitude = _base_mismatch(walk, starts, span)
-    suspicions = _base_suspicions(walk, starts, span, position, attitude)
+    position = _mismatch(walk, starts, span, "position")
+    attitude = _mismatch(walk, starts, span, "attitude")
+    suspicions = []
+    text = "base attitude and turn rate disagree by"
+    suspicions += _base_suspicions(walk, "attitude", text, _ATTITUDE_TRIALS)
+    text = "base position and velocity disagree by"
+    suspicions += _base_suspicions(walk, "position", text, _POSITION_TRIALS)
     joints, scales = _joint_mismatch(walk, starts, span)
     suspicions += _joint_suspicions(joints, scales)
-    return Kinematics(position, attitude, joints, tuple(suspicions))
+    return Kinematics(
+        None if position is None else position.share,
+        None if attitude is None else attitude.share,
+        {name: one.share for name, one in joints.items()},
+        tuple(suspicions),
+        misread=any(_THEN in line for line in suspicions),
+    )
 
 
-def _spans(walk: Walk) -> tuple[FloatArray, int]:
-    span = max(2, round(SPAN_S / walk.timestep_s))
+def _spans(walk: Walk, span_s: float) -> tuple[IntArray, int]:
+    span = max(2, round(span_s / walk.timestep_s))
     starts = [np.arange(s.start, s.stop - span, max(1, span // 2)) for s in walk.segments if len(s) > span]
     return (np.concatenate(starts) if starts else np.zeros(0, dtype=np.int64)), span
 
 
-def _integral(moved: FloatArray, velocity: FloatArray, starts: FloatArray, span: int, step_s: float) -> FloatArray:
+def _integral(moved: FloatArray, velocity: FloatArray, starts: IntArray, span: int, step_s: float) -> FloatArray:
     """Integral of velocity over each span by the rule that fits the moves best, shape (n, width).
 
     The trapezoidal rule lies half-way between that of simulators, which move with the velocity at the end of a step,
@@ -71,7 +94,15 @@ def _integral(moved: FloatArray, velocity: FloatArray, starts: FloatArray, span:
     return np.asarray(expected + rule * to_end)
 
 
-def _share(moved: FloatArray, expected: FloatArray, least: float, noise: float) -> float | None:
+@dataclass(frozen=True)
+class _Mismatch:
+    """What velocities leave of moves: as a share of these, and squared for each span."""
+
+    share: float
+    squares: FloatArray
+
+
+def _left(moved: FloatArray, expected: FloatArray, least: float, noise: float) -> _Mismatch | None:
     """Mismatch as a share of the move, both without what white noise of the position adds to the difference of two."""
     added = 2.0 * noise**2 * moved.shape[1]
     size = float(np.sqrt(max(0.0, float((moved**2).sum(axis=1).mean()) - added)))
@@ -79,45 +110,74 @@ def _share(moved: FloatArray, expected: FloatArray, least: float, noise: float) 
     if max(size, wanted) < least:
         return None
     margin = _MARGIN + 3.0 * np.sqrt(4.0 / moved.size)  # spans overlap by half; few of them scatter
-    rest = float(((moved - expected) ** 2).sum(axis=1).mean()) - margin * added
-    return float(np.sqrt(max(0.0, rest))) / max(size, wanted)
+    squares = ((moved - expected) ** 2).sum(axis=1)
+    rest = float(squares.mean()) - margin * added
+    return _Mismatch(float(np.sqrt(max(0.0, rest))) / max(size, wanted), squares)
 
 
-def _base_mismatch(walk: Walk, starts: FloatArray, span: int) -> tuple[float | None, float | None]:
-    p, q = walk.qpos[:, :3], walk.qpos[:, 3:7]
-    moved = p[starts + span] - p[starts]
-    expected = _integral(moved, walk.qvel[:, :3], starts, span, walk.timestep_s)
-    position = _share(moved, expected, _LEAST_MOVE["position"], white_level(p))
+def _mismatch(walk: Walk, starts: IntArray, span: int, what: str) -> _Mismatch | None:
+    """What the base's velocity leaves of the moves of its position, or its turn rate of those of its attitude."""
+    if what == "position":
+        p = walk.qpos[:, :3]
+        moved = p[starts + span] - p[starts]
+        expected = _integral(moved, walk.qvel[:, :3], starts, span, walk.timestep_s)
+        return _left(moved, expected, _LEAST_MOVE[what], white_level(p))
+    q = walk.qpos[:, 3:7]
     turned = rotation_between(q[starts], q[starts + span])
-    spun = _integral(turned, walk.qvel[:, 3:6], starts, span, walk.timestep_s)
+    if span * walk.timestep_s > 2.0 * SPAN_S:  # such turns do not add up as vectors
+        spun = rotation_between(q[starts], _turned_on(q[starts], walk.qvel[:, 3:6], starts, span, walk.timestep_s))
+    else:
+        spun = _integral(turned, walk.qvel[:, 3:6], starts, span, walk.timestep_s)
     noise = white_level(rotation_between(q[:-1], q[1:]), already_differenced=1)
-    return position, _share(turned, spun, _LEAST_MOVE["attitude"], noise)
+    return _left(turned, spun, _LEAST_MOVE[what], noise)
 
 
-def _base_suspicions(
-    walk: Walk, starts: FloatArray, span: int, position: float | None, attitude: float | None
-) -> list[str]:
-    """Try the other conventions on what does not agree; name the first that does."""
-    found = []
-    if attitude is not None and attitude > MISMATCH:
-        text = f"base attitude and turn rate disagree by {attitude:.0%} of the motion"
-        reason = _first_better(walk, starts, span, attitude, 1, _ATTITUDE_TRIALS)
-        found.append(f"{text}: {reason}.")
-    if position is not None and position > MISMATCH:
-        text = f"base position and velocity disagree by {position:.0%} of the motion"
-        reason = _first_better(walk, starts, span, position, 0, _POSITION_TRIALS)
-        found.append(f"{text}: {reason}.")
-    return found
+def _turned_on(attitude: FloatArray, rate: FloatArray, starts: IntArray, span: int, step_s: float) -> FloatArray:
+    """Attitudes at the end of each span, from turning on with the measured rates, shape (n, 4)."""
+    per_step = max(1, span // _FEWEST_TURNS)
+    edges = np.linspace(0, span, max(1, span // per_step) + 1).round().astype(np.int64)
+    total = np.zeros_like(rate)
+    np.cumsum(0.5 * (rate[1:] + rate[:-1]) * step_s, axis=0, out=total[1:])
+    for a, b in pairwise(edges.tolist()):
+        attitude = multiply(attitude, from_rotation(total[starts + b] - total[starts + a]))
+    return attitude
 
 
-def _first_better(
-    walk: Walk, starts: FloatArray, span: int, mismatch: float, which: int, trials: dict[str, str]
-) -> str:
-    for reason, change in trials.items():
-        other = _base_mismatch(_CHANGES[change](walk), starts, span)[which]
-        if other is not None and other < _BETTER * mismatch:
-            return f"{reason} (then {other:.1%})"
-    return "no other convention that was tried explains it; check units, frames and which body the pose is of"
+def _base_suspicions(walk: Walk, what: str, text: str, trials: dict[str, str]) -> list[str]:
+    """Try the other conventions; name the one that explains most, or say so if none does and too much is left."""
+    others = {reason: _CHANGES[change](walk) for reason, change in trials.items()}
+    for span_s in (SPAN_S, *LONG_SPANS_S):
+        starts, span = _spans(walk, span_s)
+        if len(starts) < _FEWEST_SPANS:
+            continue
+        given = _mismatch(walk, starts, span, what)
+        if given is None or given.share < _LEAST:
+            continue
+        left = {reason: _mismatch(other, starts, span, what) for reason, other in others.items()}
+        better = {
+            reason: one
+            for reason, one in left.items()
+            if one is not None and one.share < _BETTER * given.share and _gains_all_along(given, one)
+        }
+        if better:
+            best = min(better, key=lambda reason: float(better[reason].squares.mean()))
+            return [f"{text} {given.share:.1%} of the motion: {best} {_THEN} {better[best].share:.1%})."]
+    starts, span = _spans(walk, SPAN_S)
+    given = _mismatch(walk, starts, span, what)
+    if given is None or given.share <= MISMATCH:
+        return []
+    return [
+        f"{text} {given.share:.0%} of the motion: no other convention that was tried explains it; check units, frames "
+        "and which body the pose is of."
+    ]
+
+
+def _gains_all_along(given: _Mismatch, other: _Mismatch) -> bool:
+    """Whether the other convention leaves less in all parts of the walk, not only in one by chance."""
+    parts = np.array_split(given.squares - other.squares, min(_PARTS, len(given.squares)))
+    gains = np.array([part.mean() for part in parts])
+    deviation = float(gains.std(ddof=1)) / np.sqrt(len(gains))
+    return bool(gains.mean() > min(_SURE * deviation, 0.5 * given.squares.mean()))
 
 
 def _reordered(walk: Walk, order: list[int]) -> Walk:
@@ -158,43 +218,56 @@ _ATTITUDE_TRIALS = {
     "the attitude looks as if it were that of the world in the body, the inverse": "inverse",
 }
 _POSITION_TRIALS = {
-    "the velocity looks as if it were given in the world (linear_velocity: frame: world)": "linear was world",
+    "the velocity looks as if it were given in the world (linear_velocity: frame: world; the turn rate, too?)": (
+        "linear was world"
+    ),
     "the velocity looks as if it were given in the body (linear_velocity: frame: body)": "linear was body",
     "the attitude looks as if it were stored as wxyz (orientation: order: wxyz)": "was wxyz",
     "the attitude looks as if it were stored as xyzw (orientation: order: xyzw)": "was xyzw",
 }
 
 
-def _joint_mismatch(walk: Walk, starts: FloatArray, span: int) -> tuple[dict[str, float], dict[str, float]]:
-    """Mismatch of each joint that moves, and the factor between its moves and its velocity."""
+def _joint_mismatch(
+    walk: Walk, starts: IntArray, span: int
+) -> tuple[dict[str, _Mismatch], dict[str, tuple[float, float]]]:
+    """Mismatch of each joint that moves; the factor between its moves and its velocity, and the share left with it."""
     positions = walk.qpos[:, 7:]
     moved = positions[starts + span] - positions[starts]
     expected = _integral(moved, walk.qvel[:, 6:], starts, span, walk.timestep_s)
-    joints, scales, noise = {}, {}, white_level(positions)
+    joints: dict[str, _Mismatch] = {}
+    scales: dict[str, tuple[float, float]] = {}
+    noise = white_level(positions)
     for column, name in enumerate(walk.joint_names):
-        share = _share(moved[:, [column]], expected[:, [column]], _LEAST_MOVE["joint"], noise)
-        if share is not None:
-            joints[name] = share
-            power = float((expected[:, column] ** 2).sum())
-            scales[name] = float(moved[:, column] @ expected[:, column]) / power if power else np.inf
+        here, given = moved[:, [column]], expected[:, [column]]
+        mismatch = _left(here, given, _LEAST_MOVE["joint"], noise)
+        if mismatch is not None:
+            joints[name] = mismatch
+            power = float((given**2).sum())
+            scale = float((here * given).sum()) / power if power else np.inf
+            scaled = _left(here, scale * given, 0.0, noise) if power else None
+            scales[name] = (scale, mismatch.share if scaled is None else scaled.share)
     return joints, scales
 
 
-def _joint_suspicions(joints: dict[str, float], scales: dict[str, float]) -> list[str]:
-    wrong = [name for name, share in joints.items() if share > MISMATCH]
+def _joint_suspicions(joints: dict[str, _Mismatch], scales: dict[str, tuple[float, float]]) -> list[str]:
+    wrong = {
+        name: one.share
+        for name, one in joints.items()
+        if one.share > MISMATCH or (one.share > _SCALED and scales[name][1] < _BETTER * one.share)
+    }
     if not wrong:
         return []
-    worst = max(wrong, key=lambda name: joints[name])
-    scale = scales[worst]
+    worst = max(wrong, key=lambda name: wrong[name])
+    scale, left = scales[worst]
     why = "positions and velocities may be in another order than the joint names, or of another time"
     if abs(scale + 1.0) < 0.2:
-        why = "the sign of the velocity or of the position is turned"
+        why = "the sign of the velocity or of the position is turned (velocity: scale: -1)"
     elif 45.0 < abs(scale) < 70.0:
         why = "positions look as if they were in degrees (scale: 0.0174533)"
     elif 1 / 70.0 < abs(scale) < 1 / 45.0:
         why = "velocities look as if they were in degrees per second (scale: 0.0174533)"
-    elif abs(scale) < 0.5 or abs(scale) > 2.0:
+    elif abs(scale) < 0.5 or abs(scale) > 2.0 or left < _BETTER * wrong[worst]:
         why = f"moves are {scale:.3g} times what the velocities give; check the units"
-    listed = ", ".join(sorted(wrong, key=lambda name: -joints[name])[:5])
+    listed = ", ".join(sorted(wrong, key=lambda name: -wrong[name])[:5])
     more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
-    return [f"position and velocity of {listed}{more} disagree by up to {joints[worst]:.0%} of the motion: {why}."]
+    return [f"position and velocity of {listed}{more} disagree by up to {wrong[worst]:.0%} of the motion: {why}."]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from massid.model.robot import Robot
@@ -36,7 +37,26 @@ def limit_suspicions(robot: Robot, walk: Walk) -> list[str]:
         for k in wrong[:_SHOWN]
     )
     more = f" and {len(wrong) - _SHOWN} more" if len(wrong) > _SHOWN else ""
+    if in_degrees(robot, walk):
+        return [
+            f"joint positions leave the model's limits: {listed}{more}: they look as if they were in degrees "
+            "(position: scale: 0.0174533, and the velocity's, too?)."
+        ]
     return [
         f"joint positions leave the model's limits: {listed}{more}: they may be in degrees (scale: 0.0174533), have "
         "another zero or sign, or be in another order than the joint names."
     ]
+
+
+def in_degrees(robot: Robot, walk: Walk) -> bool:
+    """Whether some joints are where none can be, and all are where they can if their positions were in degrees."""
+    positions = walk.qpos[:, 7:]
+    ids = [robot.model.joint(name).id for name in robot.joint_names]
+    limited = robot.model.jnt_limited[ids].astype(bool)
+    turns = robot.model.jnt_type[ids] == int(mujoco.mjtJoint.mjJNT_HINGE)
+    low = np.where(limited, robot.model.jnt_range[ids, 0], -FREE_REACH)
+    high = np.where(limited, robot.model.jnt_range[ids, 1], FREE_REACH)
+    least, most = positions.min(axis=0), positions.max(axis=0)
+    far = np.maximum(low - least, most - high) > FREE_REACH
+    fit = np.maximum(low - np.radians(least), np.radians(most) - high) <= SLACK
+    return bool((far & turns).any() and fit[turns].all())

@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from massid.audit.balance import measure_balance
-from massid.audit.forces import check_rest
+from massid.audit.forces import check_rest, check_torques
 from massid.audit.inner_steps import FACTOR, with_inner_steps
 from massid.audit.lag import Lag, estimate_lag, lag_margin
+from massid.audit.names import check_names, without_prefix
 from massid.audit.report import CLEAN_REST, Audit, audit_walk
 from massid.errors import BadInputError, LogError
 from massid.log import TopicMap, read_walk
@@ -69,7 +70,10 @@ def prepare_walk(
     topics = topics or TopicMap()
     if walk is None:
         walk = source if isinstance(source, Walk) else read_walk(source, topics)
+    walk = without_prefix(walk, robot)
+    check_names(walk, robot)
     robot = robot.locked(_locked(robot, walk, topics))
+    check_torques(robot, walk, _passive(walk, topics))
     robot, taken_off, notes = _gravity_compensation(robot, walk)
     walk = robot.without_compensation(robot.align(walk)) if taken_off else walk
     steps, noisy = robot.steps_in(walk.timestep_s), looks_noisy(walk)
@@ -96,7 +100,7 @@ def prepare_walk(
         notes += (_on_slowness(robot, walk, factor, noisy=noisy, coarse=coarse),)
     lag = audit.lag
     if lag is not None and lag.believed:
-        walk = _without_lag(source, topics, lag)
+        walk = without_prefix(_without_lag(source, topics, lag), robot)
         walk = robot.without_compensation(robot.align(walk)) if taken_off else walk
         audit = replace(audit_of(walk), lag=lag)
         notes += (
@@ -248,6 +252,12 @@ def prepare_walks(
                 "several logs need one set of joints; `ignore` and `locked` in a topic map leave joints out."
             )
     return prepared
+
+
+def _passive(walk: Walk, topics: TopicMap) -> tuple[str, ...]:
+    """Joints that the topic map says have no actuator."""
+    patterns = topics.joints.passive if topics.joints is not None else ()
+    return tuple(name for name in walk.joint_names if any(fnmatchcase(name, pattern) for pattern in patterns))
 
 
 def _locked(robot: Robot, walk: Walk, topics: TopicMap) -> dict[str, float]:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from massid.audit.balance import measure_balance
-from massid.audit.forces import Rest, Weight, check_rest, check_weight, torque_suspicions, weight_suspicions
+from massid.audit.forces import REST, Rest, Weight, check_rest, check_weight, torque_suspicions, weight_suspicions
 from massid.audit.kinematics import Kinematics, check_kinematics
 from massid.audit.lag import Lag, estimate_lag, lag_margin
-from massid.audit.limits import limit_suspicions
+from massid.audit.limits import in_degrees, limit_suspicions
 from massid.audit.one_step import OneStep, one_step_residual
 from massid.audit.self_contact import SelfContact, find_self_contact, self_contact_warnings, without_samples
 from massid.model.robot import Robot
@@ -31,6 +31,8 @@ class Audit:
         rest: what inputs and link masses leave unexplained; None if the log is too short.
         one_step: the same step by step; None if the log is too short or it was not asked for.
         warnings: what is suspect, one line each, the log's name first.
+        doubts: those of them with which masses mean nothing until they are settled.
+        misread: whether another convention explains the log, so that it was surely read wrongly.
     """
 
     walk: Walk
@@ -41,6 +43,8 @@ class Audit:
     rest: Rest | None
     one_step: OneStep | None
     warnings: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+    misread: bool = False
 
     @property
     def clean(self) -> bool:
@@ -66,15 +70,27 @@ def audit_walk(robot: Robot, walk: Walk, *, thorough: bool = False) -> Audit:
     if contact.samples.any():
         walk = without_samples(walk, contact.samples)
     weight = check_weight(robot, walk)
-    lines += weight_suspicions(weight) + torque_suspicions(robot, walk)
+    doubts = list(kinematics.suspicions)
+    misread = kinematics.misread
+    if in_degrees(robot, walk):
+        doubts += limit_suspicions(robot, walk)
+        misread = True
+    if not misread:  # in a wrong pose every force leans
+        doubts += weight_suspicions(weight)
+        lines += weight_suspicions(weight)
+    lines += torque_suspicions(robot, walk)
     balance = measure_balance(robot, walk, lag_margin(walk))
     lag = rest = one_step = None
     if balance is not None:
         lag = estimate_lag(robot, walk, balance)
         if lag is None or not lag.believed:
             rest = check_rest(robot, walk, balance)
-            lines += rest.suspicions
+            # With a wrong state no force fits: then the state's own suspicion is the one to follow.
+            told = rest.suspicions if not (misread or kinematics.suspicions) or rest.names_a_setting else ()
+            lines += told
+            doubts += told if rest.share > REST else ()
+            misread |= rest.names_a_setting
         if thorough:
             one_step = one_step_residual(robot, walk, balance)
     warnings = tuple(f"{walk.source}: {line}" for line in lines)
-    return Audit(walk, kinematics, weight, contact, lag, rest, one_step, warnings)
+    return Audit(walk, kinematics, weight, contact, lag, rest, one_step, warnings, tuple(doubts), misread)

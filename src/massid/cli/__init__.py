@@ -5,9 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-__all__ = ["INTERRUPTED", "main"]
+__all__ = ["CONTRADICTED", "INTERRUPTED", "NOT_IDENTIFIABLE", "main"]
 
 INTERRUPTED = 130
+NOT_IDENTIFIABLE = 3
+CONTRADICTED = 5
+"""The log denies how it was read, or what was found: these are not the robot's masses."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

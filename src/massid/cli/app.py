@@ -24,7 +24,7 @@ COMMANDS = {
     "demo": "Record a walking humanoid with hidden mass errors, then find its masses from the log.",
     "record": "Let a simulated robot walk with hidden mass errors, and log it to MCAP.",
     "identify": "Find the masses of a robot's links from the log of a walk, or from several logs of the same robot.",
-    "inspect": "Show what a log holds and whether it makes sense for a robot, before masses are identified from it.",
+    "inspect": "Show what logs hold and whether they make sense for a robot, before masses are identified from them.",
     "repair": "Copy what is sound of a damaged MCAP file into a new one, and say what was lost.",
     "corrupt": "Give a log without noise the sensors of a real robot.",
     "report": "Make one page of a result: masses with intervals, convergence, held-out torques, residuals, nuisances.",

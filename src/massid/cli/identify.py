@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 from massid.assets import resolve_model, shipped_models
-from massid.cli import INTERRUPTED
+from massid.cli import CONTRADICTED, INTERRUPTED, NOT_IDENTIFIABLE
 from massid.cli.arguments import (
     OptionalFile,
     OptionalLinks,
@@ -33,7 +33,12 @@ if TYPE_CHECKING:
     from massid.score import Score, Truth
     from massid.weighing import Weighing
 
-EXIT_CODES = {Status.CONVERGED: 0, Status.NOT_IDENTIFIABLE: 3, Status.NOT_CONVERGED: 4, Status.CONTRADICTED: 5}
+EXIT_CODES = {
+    Status.CONVERGED: 0,
+    Status.NOT_IDENTIFIABLE: NOT_IDENTIFIABLE,
+    Status.NOT_CONVERGED: 4,
+    Status.CONTRADICTED: CONTRADICTED,
+}
 
 
 @dataclass(frozen=True)
@@ -53,7 +58,8 @@ class Identify:
     """
 
     logs: tyro.conf.Positional[tuple[Path, ...]]
-    """MCAP logs of walks of one robot; online they follow each other, offline their scores are added."""
+    """Logs of walks of one robot, as massid inspect takes them; online they follow each other, offline their scores are
+    added."""
     model: OptionalModel = None
     """MJCF or URDF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
     links: OptionalLinks = None
@@ -122,7 +128,9 @@ class Identify:
         heard.rest()
         warn_of_hidden(result)
         self._write(result, scored)
-        return INTERRUPTED if result.stopped else EXIT_CODES[result.status]
+        if result.stopped:
+            return INTERRUPTED
+        return EXIT_CODES[result.status]
 
     def _check_files(self, model: Path | None) -> None:
         """Pass if all that was asked for can be written, and nothing that is read is lost by it."""
@@ -226,6 +234,7 @@ class _Heard:
         self._truth = truth
         self._by_default = by_default
         self._waiting: list[str] | None = None
+        self._doubted = False
 
     def __call__(self, said: Weighing | str | Verdict) -> None:
         from massid.cli.console import say, warn
@@ -235,6 +244,7 @@ class _Heard:
             case Weighing():
                 if self._by_default:
                     say(f"links: {', '.join(said.nominal_kg)} (--links names others)")
+                self._doubted = any(one.audit.doubts for one in said.prepared)
                 for line in self._truth.check_robot(said.nominal_kg) if self._truth else ():
                     warn(line)
             case str():
@@ -244,7 +254,8 @@ class _Heard:
                     self._waiting.append(said)
             case _:
                 if not said.hidden:
-                    say(f"verdict: {said.lines()[0]}\n")
+                    doubted = ", if what the warnings say were settled" if self._doubted else ""
+                    say(f"verdict{doubted}: {said.lines()[0]}\n")
                 self._waiting = []
 
     def rest(self) -> None:

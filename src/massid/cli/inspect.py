@@ -9,12 +9,15 @@ from typing import TYPE_CHECKING
 import tyro
 
 from massid.assets import find_model_by_hash, resolve_model
+from massid.cli import CONTRADICTED, NOT_IDENTIFIABLE
 from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics, parse_names, topics_file
+from massid.errors import BadInputError
 from massid.model.unknowns.spaces import mass_space
 from massid.outputs import check_outputs
 
 if TYPE_CHECKING:
     from massid.audit import Audit, Prepared
+    from massid.cli.inspection import Inspection
     from massid.cli.report_page import Page
     from massid.log import LogSummary
     from massid.model.robot import Robot
@@ -27,7 +30,7 @@ _LEAST_LOAD = 0.05
 
 @dataclass(frozen=True)
 class Inspect:
-    """Show what a log holds and whether it makes sense for a robot, before masses are identified from it.
+    """Show what logs hold and whether they make sense for a robot, before masses are identified from them.
 
     Topics, rates, gaps and damage; with a model also position against velocity, the weight, stance phases, the lag
     between streams, the one-step residual, and to what each link's mass could be known from this log.
@@ -35,10 +38,12 @@ class Inspect:
     Examples:
       massid inspect walk.mcap
       massid inspect lowstate.mcap --model g1.xml --topics unitree_g1 --html report.html
+      massid inspect monday/ tuesday/ --model robot.xml --json found.json
     """
 
-    log: tyro.conf.Positional[Path]
-    """MCAP log of a walk."""
+    logs: tyro.conf.Positional[tuple[Path, ...]]
+    """Logs of walks of one robot: MCAP files, folders of ros2 bag record, rosbag2 SQLite files, ROS 1 bags, or tables
+    (CSV, NumPy .npz, Parquet) with a topic map."""
     model: OptionalModel = None
     """MJCF or URDF file of the robot, or the name of a shipped one; default the shipped model that made the log."""
     topics: OptionalTopics = None
@@ -47,48 +52,64 @@ class Inspect:
     """Links to judge, separated by commas; default all that move by themselves."""
     html: OptionalFile = None
     """Write the same as a page with pictures."""
+    json: OptionalFile = None
+    """Write the same as JSON."""
 
     def run(self) -> int:
         """Print, section by section."""
+        from massid.cli.inspection import Inspection
         from massid.cli.report_page import Page
         from massid.log import TopicMap, load_topics, summarise_log
         from massid.model.robot import Robot
 
+        if not self.logs:
+            raise BadInputError("No log given: name at least one.")
         model = None if self.model is None else resolve_model(self.model)
         topics = load_topics(self.topics) if self.topics else TopicMap()
-        inputs = [("the log", self.log), ("the model (--model)", model), topics_file(self.topics)]
-        check_outputs(inputs, [("--html", self.html)])
-        page = Page(f"massid inspect {self.log}")
-        summary = summarise_log(self.log)
-        path = model or find_model_by_hash(dict(summary.metadata.get("massid", {})).get("model_sha256", ""))
+        inputs = [*(("the log", log) for log in self.logs), ("the model (--model)", model), topics_file(self.topics)]
+        check_outputs(inputs, [("--html", self.html), ("--json", self.json)])
+        page = Page(f"massid inspect {' '.join(map(str, self.logs))}")
+        summaries = [summarise_log(log, topics.time) for log in self.logs]
+        made_with = dict(summaries[0].metadata.get("massid", {})).get("model_sha256", "")
+        path = model or find_model_by_hash(made_with)
         robot = None if path is None else Robot.load(path)
+        if robot is None and self.links is not None:
+            raise BadInputError("--links are those of a robot: name it (--model).")
         links = None if robot is None else self._links(robot)
         if robot is not None and links is not None:
             mass_space(robot, links)  # a name that does not exist is told at once
-        self._print_topics(page, summary)
+        found = Inspection([str(log) for log in self.logs], summaries)
+        for log, summary in zip(self.logs, summaries, strict=True):
+            self._print_topics(page, summary, f" of {log}" if len(self.logs) > 1 else "")
+        code = 0
         if robot is None:
             page.section("Robot", ["no model given (--model), so the log was not checked against any physics"])
         else:
             from massid.weighing import Weighing
 
-            job = Weighing.prepare(self.log, robot, links, topics=topics, held_out=0.0, thorough=True)
-            self._print_audit(page, job.prepared[0], robot)
-            self._print_verdict(page, job)
+            job = Weighing.prepare(self.logs, robot, links, topics=topics, held_out=0.0, thorough=True)
+            for prepared in job.prepared:
+                self._print_audit(page, prepared, robot)
+            job.require_windows()
+            code = self._print_verdict(page, job, found)
             if self.html:
-                page.plot_walk(job.prepared[0].walk)
+                for prepared in job.prepared:
+                    page.plot_walk(prepared.walk)
         if self.html:
             page.write(self.html)
-        return 0
+        if self.json:
+            found.write(self.json, code)
+        return code
 
     @staticmethod
-    def _print_topics(page: Page, summary: LogSummary) -> None:
+    def _print_topics(page: Page, summary: LogSummary, of: str) -> None:
         rows = []
         for topic in summary.topics:
             gaps = f"{topic.gaps}, longest {topic.longest_gap_s:.4g} s" if topic.gaps else "0"
             jumps = str(topic.jumps)
             rate = f"{topic.rate_hz:.6g}" if topic.rate_hz else "-"
             rows.append((topic.info.topic, topic.info.message_type, str(topic.messages), rate, gaps, jumps))
-        page.table("Topics", ("topic", "type", "messages", "rate [Hz]", "gaps", "jumps back"), rows)
+        page.table(f"Topics{of}", ("topic", "type", "messages", "rate [Hz]", "gaps", "jumps back"), rows)
         page.section("File", [f"{summary.duration_s:.3f} s", *(summary.warnings or ("no damage",))])
 
     @staticmethod
@@ -117,22 +138,34 @@ class Inspect:
         )
         page.section("Warnings", [*robot.notes, *walk.warnings] or ["none"])
 
-    @staticmethod
-    def _print_verdict(page: Page, job: Weighing) -> None:
-        """To what each link's mass could be known, and what would help: what `massid identify` says before it fits."""
+    def _print_verdict(self, page: Page, job: Weighing, found: Inspection) -> int:
+        """To what each link's mass could be known, and what would help: what `massid identify` says before it fits.
+
+        Returns:
+            The exit code: that of `massid identify` if it would refuse, or weigh with a log that contradicts itself.
+        """
         from massid.cli.console import progress_bar
         from massid.result.posterior import INTERVAL_95
 
         with progress_bar("judging") as progress:
             verdict = job.foresee(progress)
+        doubts = [doubt for one in job.prepared for doubt in one.audit.doubts]
+        yes = "shown, but see the warnings" if doubts else "identifiable"
         rows = [
-            (link, f"{nominal:.3f}", f"{INTERVAL_95 * std:.2g}", "identifiable" if seen else "not identifiable")
+            (link, f"{nominal:.3f}", f"{INTERVAL_95 * std:.2g}", yes if seen else "not identifiable")
             for link, nominal, std, seen in zip(
                 verdict.links, verdict.space.nominal, verdict.std, verdict.identifiable, strict=True
             )
         ]
         page.table("Links", ("link", "nominal [kg]", "known to, 95 % [kg]", "verdict"), rows)
-        page.section("Verdict", verdict.lines())
+        first = ["no mass found from this log means anything before these are settled: " + " ".join(doubts)]
+        page.section("Verdict", [*(first if doubts else ()), *verdict.lines()])
+        found.judge(job, verdict, doubts)
+        wanted = verdict.links if self.links is not None else job.complete.walking_links() or verdict.links
+        seen = dict(zip(verdict.links, verdict.identifiable.tolist(), strict=True))
+        if not all(seen.get(link, False) for link in wanted):
+            return NOT_IDENTIFIABLE
+        return CONTRADICTED if any(one.audit.misread for one in job.prepared) else 0
 
     def _links(self, robot: Robot) -> list[str]:
         """The links that were named, or all that move by themselves."""

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import tyro
+
+from massid.errors import BadInputError
+
+_LOGS = (".mcap", ".bag", ".db3", ".partial")
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,8 @@ class Links:
         from massid.cli.console import say, warn
         from massid.model.robot import Robot
 
+        if Path(self.model).suffix in _LOGS:
+            raise BadInputError(f"{self.model} is a log, expected a robot's MJCF file or the name of a shipped robot.")
         robot = Robot.load(resolve_model(self.model))
         for note in robot.notes:
             warn(note)

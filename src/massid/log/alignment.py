@@ -6,7 +6,6 @@ of them: see `massid.walk.resampling`.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import reduce
@@ -15,8 +14,10 @@ from itertools import pairwise
 import numpy as np
 
 from massid.errors import LogError
+from massid.log.clocks import Settled, Stream
+from massid.log.cycles import match_cycles
 from massid.log.topics.map import Rate
-from massid.typing import IntArray
+from massid.typing import BoolArray, IntArray
 from massid.walk import Segment
 from massid.walk.conventions import NANOSECONDS
 
@@ -26,19 +27,10 @@ _LEAST_SHARED = 0.5
 _JITTER = 0.05  # of a period: samples farther off an even clock than this are not taken as evenly spaced
 _SLOW_S = 0.005
 _ON_CLOCK, _PHASE = 0.95, 1e-4  # this share of the stamps must be this close to an even clock, in periods
-
-
-@dataclass(frozen=True)
-class Stream:
-    """Samples with a clock of their own.
-
-    Attributes:
-        stamps_ns: in the order of the file [ns], shape (n,).
-        held: each value acts until the next sample, as torques and forces do.
-    """
-
-    stamps_ns: IntArray
-    held: bool
+MOST_BRIDGED = 3
+"""Lost samples in a row that are interpolated."""
+_LONGEST_BRIDGE_S, _SLOWEST_BRIDGE_S = 0.025, 0.02  # time between its ends; period at which one sample is still bridged
+_MOST_LOST = 0.1  # share of a stream: beyond it, samples are not lost one by one
 
 
 @dataclass(frozen=True)
@@ -47,11 +39,13 @@ class Alignment:
 
     Attributes:
         stamps_ns: common stamps, strictly increasing [ns], shape (n,).
-        rows: by stream, which of its samples belong to these stamps, shape (n,); if resampled, those to resample from.
+        rows: by stream, which of its samples belong to these stamps, shape (n,); if resampled or bridged, those to
+            interpolate from.
         times_ns: by stream, the stamps of `rows` [ns].
         period_ns: sample period [ns].
         segments: runs without a gap or a jump of the clock.
         resampled: whether the streams must be resampled.
+        bridged: whether some streams lack a sample here and there, which is interpolated.
         warnings: what was left out, one line each.
     """
 
@@ -61,91 +55,153 @@ class Alignment:
     period_ns: int
     segments: tuple[Segment, ...]
     resampled: bool
+    bridged: bool
     warnings: tuple[str, ...]
 
+    @property
+    def exact(self) -> bool:
+        """Whether every sample of every stream in use is taken as it is."""
+        return not self.resampled and not self.bridged
 
-def align(streams: Mapping[str, Stream], source: str, rate: Rate = Rate.SLOWEST, even: bool = False) -> Alignment:
+
+def align(settled: Settled, source: str, lead: str, rate: Rate = Rate.AUTO, even: bool = False) -> Alignment:
     """Match the samples of several streams by their stamps.
 
     Args:
-        streams: by name; the first is the reference when rates are equal.
+        settled: streams on one clock; the first is the reference when rates are equal.
         source: name of the file, for messages.
+        lead: the stream whose rate `Rate.AUTO` takes.
         rate: which stream's rate the walk gets if they differ.
         even: the stamps were taken when samples arrived; jitter in them is not of the samples, which are evenly spaced.
 
     Raises:
-        LogError: a stream has fewer than two samples, or no time has a sample of every stream around it.
+        LogError: no time has a sample of every stream around it.
     """
-    warnings: list[str] = []
-    rows: dict[str, IntArray] = {}
-    times: dict[str, IntArray] = {}
-    breaks: dict[str, IntArray] = {}
-    for name, stream in streams.items():
-        kept, jumps, lines = _put_in_order(stream.stamps_ns)
-        warnings += [f"{name}: {line}." for line in lines]
-        rows[name], times[name], breaks[name] = kept, stream.stamps_ns[kept], stream.stamps_ns[jumps]
-        if len(kept) < 2:
-            why = f" ({'; '.join(lines)})" if lines else ""
-            hint = " If its header stamps are not set, use `clock: log` in a topic map." if lines else ""
-            raise LogError(f"{source}: {name} holds {len(kept)} usable samples, expected at least 2{why}.{hint}")
+    streams, breaks = settled.streams, settled.breaks_ns
+    times: Mapping[str, IntArray] = {name: stream.stamps_ns for name, stream in streams.items()}
     why_not = _why_not_shared(times)
+    lines: list[str] = []
+    if why_not is not None and (cycles := match_cycles(times)) is not None:
+        times, lines, why_not = cycles.times_ns, [cycles.line], _why_not_shared(cycles.times_ns)
+        breaks = cycles.on_grid(breaks)
     if why_not is None:
         common = reduce(lambda a, b: np.intersect1d(a, b, assume_unique=True), times.values())
         jittery = _jitter(common) > _JITTER
         if not jittery or even:
-            return _shared(common, rows, times, breaks, warnings)
+            return _shared(common, times, breaks, lines)
         why_not = f"stamps are up to {_jitter(common):.0%} of a period off an even clock"
-    return _on_one_clock(streams, rows, times, breaks, warnings, why_not, source, rate, even)
+    periods = {name: _period(stamps) for name, stamps in times.items()}
+    leader = {
+        Rate.AUTO: lead,
+        Rate.SLOWEST: max(periods, key=lambda name: periods[name]),
+        Rate.FASTEST: min(periods, key=lambda name: periods[name]),
+    }[rate]
+    if periods[leader] == periods[next(iter(periods))]:
+        leader = next(iter(periods))
+    return _on_one_clock(streams, times, breaks, lines, why_not, source, leader, even)
 
 
-def _shared(
-    common: IntArray,
-    rows: Mapping[str, IntArray],
-    times: Mapping[str, IntArray],
-    breaks: Mapping[str, IntArray],
-    warnings: list[str],
-) -> Alignment:
-    """Keep the samples at shared stamps as they are."""
-    warnings = [*warnings, *_missing(times, common)]
-    matched = {name: rows[name][np.searchsorted(stamps, common)] for name, stamps in times.items()}
-    period, cuts = _period(common), _gaps(common)
+def _shared(common: IntArray, times: Mapping[str, IntArray], breaks: IntArray, warnings: list[str]) -> Alignment:
+    """Keep the samples at shared stamps as they are, and bridge what single streams lack here and there."""
+    period = _period(common)
+    grid, lines = common, list[str]()
+    if any(len(stamps) != len(common) for stamps in times.values()) or len(_gaps(common)):
+        grid, lines = _bridged(common, times, breaks, period)
+    lacking = {name: np.setdiff1d(grid, stamps, assume_unique=True) for name, stamps in times.items()}
+    bridged = any(len(lost) for lost in lacking.values())
+    rows, at = {}, {}
+    for name, stamps in times.items():
+        rows[name] = np.arange(len(stamps)) if len(lacking[name]) else np.searchsorted(stamps, grid)
+        at[name] = stamps[rows[name]]
+    warnings = [*warnings, *lines, *_missing(times, grid, lacking)]
+    cuts = _gaps(grid)
     if len(cuts):
-        length_s = (common[cuts[0]] - common[cuts[0] - 1]) / NANOSECONDS
+        length_s = (grid[cuts[0]] - grid[cuts[0] - 1]) / NANOSECONDS
         warnings.append(
             f"{len(cuts)} gap{'s' * (len(cuts) > 1)} longer than {_GAP_PERIODS} sample periods, the first of "
             f"{length_s:.4f} s after sample {cuts[0] - 1}."
         )
-    jitter = _jitter(common)
+    jitter = _jitter(grid)
     if jitter > _JITTER:
         warnings.append(f"log times are up to {jitter:.0%} of a period off an even clock; taken as evenly spaced.")
-    places = set(cuts.tolist())
-    for stamps in breaks.values():
-        places |= set(np.searchsorted(common, stamps).tolist())
-    edges = [0, *sorted(places - {0, len(common)}), len(common)]
+    places = {*cuts.tolist(), *np.searchsorted(grid, breaks).tolist()}
+    edges = [0, *sorted(places - {0, len(grid)}), len(grid)]
     segments = tuple(Segment(start, stop) for start, stop in pairwise(edges))
-    return Alignment(common, matched, dict.fromkeys(rows, common), period, segments, False, tuple(warnings))
+    return Alignment(grid, rows, at, period, segments, False, bridged, tuple(warnings))
+
+
+def _bridged(
+    common: IntArray, times: Mapping[str, IntArray], breaks: IntArray, period: int
+) -> tuple[IntArray, list[str]]:
+    """Add to the common stamps those that single streams lack for a few samples in a row, or all of them."""
+    union = reduce(np.union1d, times.values())
+    steps = np.diff(union)
+    most = _most_bridged(period)
+    if not most or (steps < (2.0 - _GAP_PERIODS) * period).any():  # stamps close by each other are no one grid
+        return common, []
+    lost_by_all = np.rint(steps / period).astype(np.int64) - 1
+    inside = (lost_by_all > 0) & (lost_by_all <= most) & (np.abs(steps - (lost_by_all + 1) * period) < 0.1 * period)
+    extra = [
+        union[k] + np.rint(np.arange(1, lost_by_all[k] + 1) * (steps[k] / (lost_by_all[k] + 1))).astype(np.int64)
+        for k in np.flatnonzero(inside)
+    ]
+    union = np.union1d(union, np.concatenate([*extra, np.zeros(0, np.int64)]))
+    kept = np.ones(len(union), dtype=bool)
+    lines: list[str] = []
+    for name, stamps in times.items():
+        lost = ~np.isin(union, stamps, assume_unique=True)
+        bridgeable = _in_short_runs(lost, most, np.searchsorted(union, breaks))
+        count = int(bridgeable.sum())
+        if count > _MOST_LOST * len(union):
+            bridgeable[:] = False
+        elif count:
+            lines.append(
+                f"{name}: {count} of {len(union)} samples are missing, no more than {most} in a row; bridged by "
+                "interpolation."
+            )
+        kept &= ~lost | bridgeable
+    return union[kept], lines
+
+
+def _most_bridged(period: int) -> int:
+    """How many samples in a row may be bridged at this sample period [ns]."""
+    if period > _SLOWEST_BRIDGE_S * NANOSECONDS:
+        return 0
+    return int(np.clip(_LONGEST_BRIDGE_S * NANOSECONDS / period - 1, 1, MOST_BRIDGED))
+
+
+def _in_short_runs(lost: BoolArray, most: int, breaks: IntArray) -> BoolArray:
+    """Of the lost samples those in runs of at most `most`, with samples on both sides and no break on the way."""
+    padded = np.concatenate([[False], lost, [False]]).astype(np.int8)
+    starts, stops = np.flatnonzero(np.diff(padded) == 1), np.flatnonzero(np.diff(padded) == -1)
+    out = np.zeros(len(lost), dtype=bool)
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        inner = start > 0 and stop < len(lost) and stop - start <= most
+        if inner and not ((breaks >= start) & (breaks <= stop)).any():
+            out[start:stop] = True
+    return out
 
 
 def _on_one_clock(
     streams: Mapping[str, Stream],
-    rows: Mapping[str, IntArray],
-    times: dict[str, IntArray],
-    breaks: Mapping[str, IntArray],
+    times: Mapping[str, IntArray],
+    breaks: IntArray,
     warnings: list[str],
     why: str,
     source: str,
-    rate: Rate,
+    leader: str,
     even: bool,
 ) -> Alignment:
     """Find the stretches that every stream covers, and an even clock for each."""
     periods = {name: _period(stamps) for name, stamps in times.items()}
-    choose = max if rate is Rate.SLOWEST else min
-    leader = choose(periods, key=lambda name: periods[name])
-    if periods[leader] == periods[next(iter(periods))]:
-        leader = next(iter(periods))
     runs: dict[str, list[tuple[int, int]]] = {}
+    times, bridged = dict(times), []
     for name, stamps in list(times.items()):
-        cuts = sorted({*_gaps(stamps).tolist(), *np.searchsorted(stamps, breaks[name]).tolist()} - {0, len(stamps)})
+        most = _most_bridged(periods[name])
+        cuts = sorted({*_gaps(stamps, most).tolist(), *np.searchsorted(stamps, breaks).tolist()} - {0, len(stamps)})
+        lost = len(_gaps(stamps)) - len(_gaps(stamps, most))
+        if lost:
+            bridged.append(f"{name}: {lost} gaps of at most {most} lost samples were bridged by interpolation.")
         edges = [0, *cuts, len(stamps)]
         if even:
             times[name] = _evened(stamps, edges)
@@ -174,13 +230,15 @@ def _on_one_clock(
     ]
     if period > _SLOW_S * NANOSECONDS:
         lines.append(f"a clock of {NANOSECONDS / period:.4g} Hz is slow for identification; 500 Hz or more is better.")
+    lines += bridged
     if len(grids) > 1:
         split = len(grids) - 1
         lines.append(f"{split} gaps split the log." if split > 1 else "1 gap splits the log.")
     edges = np.cumsum([0, *(len(grid) for grid in grids)]).tolist()
     segments = tuple(Segment(start, stop) for start, stop in pairwise(edges))
     stamps = np.concatenate(grids)
-    return Alignment(stamps, rows, times, round(period), segments, True, (*warnings, *lines))
+    rows = {name: np.arange(len(at)) for name, at in times.items()}
+    return Alignment(stamps, rows, times, round(period), segments, True, False, (*warnings, *lines))
 
 
 def _intersect(left: list[tuple[int, int]], right: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -220,9 +278,9 @@ def _mean_period(stamps: IntArray) -> float:
     return float(steps[steps < _GAP_PERIODS * _period(stamps)].mean())
 
 
-def _gaps(stamps: IntArray) -> IntArray:
-    """Samples before which there is a gap."""
-    return np.flatnonzero(np.diff(stamps) > _GAP_PERIODS * _period(stamps)) + 1
+def _gaps(stamps: IntArray, bridged: int = 0) -> IntArray:
+    """Samples before which there is a gap of more lost samples than may be bridged."""
+    return np.flatnonzero(np.diff(stamps) > (_GAP_PERIODS + bridged) * _period(stamps)) + 1
 
 
 def _jitter(stamps: IntArray) -> float:
@@ -260,65 +318,16 @@ def _why_not_shared(times: Mapping[str, IntArray]) -> str | None:
     return None
 
 
-def _missing(stamps: Mapping[str, IntArray], common: IntArray) -> list[str]:
-    """State for each topic how many stamps of the others it lacks."""
-    if all(len(times) == len(common) for times in stamps.values()):
-        return []
-    union = reduce(np.union1d, stamps.values())
+def _missing(times: Mapping[str, IntArray], grid: IntArray, bridged: Mapping[str, IntArray]) -> list[str]:
+    """State for each topic how many stamps of the others it lacks, bridged ones aside."""
+    union = reduce(np.union1d, [grid, *times.values()])
     lines = []
-    for topic, times in stamps.items():
-        lacking = np.setdiff1d(union, times, assume_unique=True)
+    for name, stamps in times.items():
+        lacking = np.setdiff1d(np.setdiff1d(union, stamps, assume_unique=True), bridged[name], assume_unique=True)
         if len(lacking):
             after_s = (lacking[0] - union[0]) / NANOSECONDS
             lines.append(
-                f"{topic}: no sample for {len(lacking)} of {len(union)} stamps, the first {after_s:.4f} s after "
+                f"{name}: no sample for {len(lacking)} of {len(union)} stamps, the first {after_s:.4f} s after "
                 "the start; these stamps are left out."
             )
     return lines
-
-
-def _put_in_order(stamps: IntArray) -> tuple[IntArray, IntArray, list[str]]:
-    """Find the longest strictly increasing part of the stamps.
-
-    Returns:
-        The rows kept; those kept rows before which the clock jumped; a line for each kind of loss.
-    """
-    rows = np.arange(len(stamps))
-    steps = np.diff(stamps)
-    if (steps > 0).all():
-        return rows, rows[:0], []
-    lines = []
-    first_of_each = np.concatenate([[True], steps != 0])
-    repeated = int((~first_of_each).sum())
-    rows = rows[first_of_each]
-    if repeated:
-        at = int(np.argmin(first_of_each))
-        lines.append(f"{repeated} samples repeat the stamp before them, first sample {at}; left out")
-    backward = np.flatnonzero(np.diff(stamps[rows]) <= 0)
-    if not len(backward):
-        return rows, rows[:0], lines
-    longest = _longest_increasing(stamps[rows])
-    jumps = longest[1:][np.diff(longest) > 1]
-    at = rows[backward[0] + 1]
-    back = (stamps[rows[backward[0]]] - stamps[at]) / NANOSECONDS
-    lines.append(
-        f"stamps jump back {len(backward)} times, first by {back:.4f} s at sample {at}; "
-        f"{len(rows) - len(longest)} samples that do not fit a forward clock are left out"
-    )
-    return rows[longest], rows[jumps], lines
-
-
-def _longest_increasing(values: IntArray) -> IntArray:
-    """Return the positions of a longest strictly increasing subsequence (patience sorting)."""
-    ends: list[int] = []  # smallest last value of an increasing run of each length, and where it stands
-    places: list[int] = []
-    before = np.full(len(values), -1)
-    for place, value in enumerate(values.tolist()):
-        length = bisect_left(ends, value)
-        before[place] = places[length - 1] if length else -1
-        ends[length : length + 1] = [value]
-        places[length : length + 1] = [place]
-    chain = [places[-1]]
-    while before[chain[-1]] >= 0:
-        chain.append(int(before[chain[-1]]))
-    return np.array(chain[::-1], dtype=np.int64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,52 +13,93 @@ from massid.log.mcap.container import TopicInfo
 from massid.log.messages.decoding import Block, Decoder, DecodingError, Unreadable, make_decoder
 from massid.typing import BoolArray, FloatArray, IntArray
 
+_AFTER_SEQUENCE = 6  # in a message record, after its channel and number: times and message
+
 
 @dataclass
 class TopicColumns:
-    """Decodes the messages of one topic as they come.
+    """Decodes the messages of one topic as they come, whatever channels they come on.
 
     Attributes:
         source: name of the file, for messages.
-        info: the topic and its schema.
+        info: the topic and its schema; of the first channel if it has several.
         wanted: the fields to gather, by key.
+        name: the topic, and which of its messages these are if they are not all.
         blocks: what was decoded so far, in the order of the file.
         unreadable: messages that could not be decoded.
+        twice: messages that stood in the log before.
         unusable: why rows must be left out, with their number, in the order found.
     """
 
     source: str
     info: TopicInfo
     wanted: Mapping[str, Sequence[str]]
+    name: str = ""
     blocks: list[Block] = field(default_factory=list)
     unreadable: int = 0
+    twice: int = 0
     unusable: list[str] = field(default_factory=list)
     _first_unreadable: str = ""
     _bad: BoolArray | None = None
-    _decoder: Decoder = field(init=False)
+    _decoders: dict[TopicInfo, Decoder] = field(default_factory=dict)
+    _notes: list[str] = field(default_factory=list)
+    _seen: set[int] = field(default_factory=set)
 
     def __post_init__(self) -> None:
-        try:
-            self._decoder = make_decoder(self.info, self.wanted)
-        except DecodingError as error:
-            raise LogError(f"{self.where}: {error}.") from error
+        self.name = self.name or self.info.topic
 
     @property
     def where(self) -> str:
         """File and topic, for messages."""
-        return f"{self.source}: {self.info.topic}"
+        return f"{self.source}: {self.name}"
 
     def __len__(self) -> int:
         return sum(len(block) for block in self.blocks)
 
-    def receive(self, records: list[bytes]) -> None:
-        """Decode a batch of message records."""
-        for item in self._decoder.decode(records):
+    def receive(self, info: TopicInfo, records: list[bytes]) -> None:
+        """Decode a batch of message records of one of the topic's channels."""
+        if info not in self._decoders:
+            try:
+                self._decoders[info] = make_decoder(info, self.wanted)
+            except DecodingError as error:
+                raise LogError(f"{self.where}: {error}.") from error
+            self._notes += self._decoders[info].notes
+        records = self._once(records)
+        for item in self._decoders[info].decode(records) if records else ():
             if isinstance(item, Unreadable):
                 self.unreadable += 1
                 self._first_unreadable = self._first_unreadable or f"sample {len(self)}: {item.reason}"
             else:
                 self.blocks.append(item)
+
+    def _once(self, records: list[bytes]) -> list[bytes]:
+        """The records that did not come before, bit by bit at the same time, as where recordings overlap."""
+        keys = [hash(record[_AFTER_SEQUENCE:]) for record in records]
+        if len(set(keys)) == len(keys) and self._seen.isdisjoint(keys):
+            self._seen.update(keys)
+            return records
+        new = []
+        for key, record in zip(keys, records, strict=True):
+            if key not in self._seen:
+                self._seen.add(key)
+                new.append(record)
+        self.twice += len(records) - len(new)
+        return new
+
+    def parts(self, path: str) -> dict[tuple[str, ...], TopicColumns]:
+        """The messages by the texts that they hold at a path, each kind with columns of its own; of one kind, itself.
+
+        Call it before anything is taken out or marked.
+        """
+        kinds = list(self.texts(path))
+        if len(kinds) <= 1:
+            return dict.fromkeys(kinds, self)
+        return {kind: self.part([kind], path, kind[0] if kind else "") for kind in kinds}
+
+    def part(self, kinds: Collection[tuple[str, ...]], path: str, name: str) -> TopicColumns:
+        """The messages that hold one of these texts at a path, as columns of their own."""
+        blocks = [block for block in self.blocks if block.texts.get(path, ()) in kinds]
+        return TopicColumns(self.source, self.info, self.wanted, f"{self.name} ({name})", blocks)
 
     def check(self) -> None:
         """Pass if any message could be decoded.
@@ -130,7 +171,20 @@ class TopicColumns:
         count, n = int(bad.sum()), len(self)
         if n - int(self._bad.sum()) < 2:
             raise LogError(f"{self.where}: {reason} ({count} of {n} samples are like that).")
-        self.unusable.append(f"{self.info.topic}: {reason}; {count} of {n} samples are like that and left out.")
+        self.unusable.append(f"{self.name}: {reason}; {count} of {n} samples are like that and left out.")
+
+    def bridge(self, holes: BoolArray, reason: str) -> None:
+        """Say that single values of rows are interpolated.
+
+        Args:
+            holes: which rows, shape (n,).
+            reason: what is wrong with the first of them.
+        """
+        count = int(holes.sum())
+        self.unusable.append(
+            f"{self.name}: {reason}; {count} of {len(self)} samples are like that, one by one; bridged by "
+            "interpolation."
+        )
 
     @property
     def left_out(self) -> BoolArray:
@@ -144,7 +198,9 @@ class TopicColumns:
 
     def warnings(self) -> list[str]:
         """What was lost on this topic, one line each."""
-        lines = list(self.unusable)
+        lines = [f"{self.info.topic}: {note}." for note in self._notes] + self.unusable
+        if self.twice:
+            lines.append(f"{self.info.topic}: {self.twice} messages stand in the log twice; each was taken once.")
         if self.unreadable:
             lines.append(
                 f"{self.info.topic}: {self.unreadable} messages cannot be decoded and are left out; the first, "

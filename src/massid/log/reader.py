@@ -3,24 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from massid.errors import LogError, printable
-from massid.log.alignment import Alignment, Stream, align
+from massid.log.alignment import Alignment, align
+from massid.log.clocks import Stream, settle
 from massid.log.columns import TopicColumns
-from massid.log.mcap.container import NO_CHECKSUM, Contents, TopicInfo, read_messages
+from massid.log.containers import read_messages
+from massid.log.files import kind_of
+from massid.log.joints import Joints, read_joints
+from massid.log.mcap.container import NO_CHECKSUM, Contents, TopicInfo
 from massid.log.mcap.schemas import JOINT_STATE as JOINT_STATE_TYPE
 from massid.log.mcap.schemas import ODOMETRY, WRENCH_STAMPED
-from massid.log.roles import Signal, read_base, read_contact, read_joints
+from massid.log.roles import Base, Contact, read_base, read_contact
+from massid.log.silence import fill_silence
+from massid.log.tables import TABLES, Table, read_table
+from massid.log.topics.kinds import POSES, adapted
 from massid.log.topics.map import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
 from massid.log.writer import COMPLETE, METADATA_NAME
 from massid.typing import FloatArray
 from massid.walk import Walk
 from massid.walk.conventions import LATEST_NS, NANOSECONDS
 
+_LIKE_A_SIMULATOR = 0.1
 _TYPES = {BASE_STATE: ODOMETRY, JOINT_STATE: JOINT_STATE_TYPE, WRENCH: WRENCH_STAMPED}
 
 
@@ -30,15 +39,20 @@ def read_walk(path: Path | str, topics: TopicMap | None = None) -> Walk:
     What is sound in a damaged or unfinished file is used; what was lost stands in `Walk.warnings`.
 
     Args:
-        path: an MCAP file; a `.partial` file that a killed recorder left is fine.
+        path: an MCAP file, also a `.partial` one that a killed recorder left; a folder of `ros2 bag record`; a rosbag2
+            SQLite file or a ROS 1 bag, with the package rosbags; a table (CSV, NumPy .npz, Parquet) whose columns
+            `topics` names.
         topics: which topic plays which role, by default the names that `massid` records; see `load_topics`.
 
     Raises:
-        LogError: the file is not MCAP; a role has no topic; names and arrays of the joints do not match;
+        LogError: the file is no log; a role has no topic; names and arrays of the joints do not match;
             no sample is finite; no stretch of time is covered by all roles.
     """
     path = Path(path)
     reader = _Reader(str(path), topics or TopicMap())
+    kind = None if path.is_dir() else kind_of(path)
+    if kind in TABLES:
+        return reader.walk(reader.take_table(read_table(path, kind)))
     contents = read_messages(path, reader.topics.uses, reader.receive)
     try:
         return reader.walk(contents)
@@ -60,8 +74,18 @@ class _Reader:
 
     def receive(self, info: TopicInfo, records: list[bytes]) -> None:
         if info.topic not in self.columns:
+            self.topics = adapted(self.topics, info)
             self.columns[info.topic] = TopicColumns(self.source, info, self.topics.fields(info.topic))
-        self.columns[info.topic].receive(records)
+        self.columns[info.topic].receive(info, records)
+
+    def take_table(self, table: Table) -> Contents:
+        """Take the rows of a table for the messages of every topic that the map names."""
+        times = table.times_ns(self.topics.time)
+        infos = {name: replace(table.info, topic=name) for name in self.topics.topics()}
+        for name, info in infos.items():
+            wanted = self.topics.fields(name)
+            self.columns[name] = TopicColumns(self.source, info, wanted, blocks=[table.block(wanted, times)])
+        return Contents(infos, {}, ())
 
     def walk(self, contents: Contents) -> Walk:
         self.warnings += contents.warnings
@@ -76,16 +100,20 @@ class _Reader:
         base = read_base(base_map, self.columns, self.warnings)
         joints = read_joints(joint_map, self.columns, self.topics.lag_s)
         lag_s = self.topics.lag_s.get("wrench", 0.0)
-        contacts = {name: read_contact(layout, columns, lag_s) for name, (layout, columns) in wrenches.items()}
+        contacts = {
+            name: read_contact(layout, key, columns, lag_s) for name, (key, layout, columns) in wrenches.items()
+        }
+        alignment = self.align(base, joints, contacts.values())
         signals = [*base.signals, *joints.signals, *(contact.signal for contact in contacts.values())]
-        alignment = self.align(signals)
         for columns in {id(signal.columns): signal.columns for signal in signals}.values():
             self.warnings += columns.warnings()
         self.warnings += alignment.warnings
         metadata = dict(contents.metadata.get(METADATA_NAME, {}))
         self.check_metadata(metadata, alignment)
-        qpos, qvel = joints.on(alignment, base.on(alignment))
-        effort = joints.effort.on(alignment)
+        position, velocity = joints.states(alignment)
+        state = base.on(alignment, ends_with_velocity=_ends_with_velocity(joints, alignment))
+        qpos, qvel = np.hstack([state[:, :7], position]), np.hstack([state[:, 7:], velocity])
+        effort = joints.torques(alignment)
         wrench = np.empty((len(qpos), len(contacts), 6))
         for column, contact in enumerate(contacts.values()):
             wrench[:, column] = contact.signal.on(alignment)
@@ -134,25 +162,41 @@ class _Reader:
         listed = ", ".join(f"{info.topic} ({info.message_type})" for info in contents.topics.values())
         fitting = [info.topic for info in contents.topics.values() if info.message_type == message_type]
         advice = f"Could supply it: {', '.join(fitting)}." if fitting else f"A topic of {message_type} supplies it."
+        setting = {
+            BASE_STATE: "base: {topic: NAME",
+            JOINT_STATE: "joints: {topic: NAME",
+            WRENCH: "contacts: [{topic: NAME",
+        }
+        if fitting:
+            advice += f" `{setting[role]}{'}]' if role == WRENCH else '}'}` in a topic map takes one."
+        poses = [info.topic for info in contents.topics.values() if info.message_type in POSES]
+        if role == BASE_STATE and poses and not fitting:
+            advice += (
+                f" {', '.join(poses)} may hold its pose: `base: {{topic: {poses[0]}, body: NAME}}` in a topic map "
+                "takes it and derives the velocities."
+            )
         return f"{advice} The log has: {listed or 'no topics'}."
 
-    def contact_topics(self, contents: Contents) -> dict[str, tuple[ContactMap, TopicColumns]]:
-        """Return each body's contact map and columns, in the order of the file's channels."""
-        by_body: dict[str, tuple[ContactMap, TopicColumns]] = {}
+    def contact_topics(self, contents: Contents) -> dict[str, tuple[str, ContactMap, TopicColumns]]:
+        """Return each body's key, contact map and columns, in the order of the file's channels."""
+        by_body: dict[str, tuple[str, ContactMap, TopicColumns]] = {}
         for topic in contents.topics:
-            contact = self.topics.contact(topic)
-            if contact is None:
-                continue
-            if topic in self.columns:
+            contacts = self.topics.contacts_of(topic)
+            if contacts and topic in self.columns:
                 self.columns[topic].check()
-            if topic not in self.columns or not self.columns[topic].blocks:
+            if contacts and (topic not in self.columns or not self.columns[topic].blocks):
                 self.warnings.append(f"{topic}: holds no sample; taken as no contact topic.")
                 continue
-            body = self.name(contact.body, topic, "the body that the wrench acts on")
-            if body in by_body:
-                other = by_body[body][1].info.topic
-                raise LogError(f"{self.source}: {other} and {topic} both hold the wrench of body '{body}'.")
-            by_body[body] = (contact, self.columns[topic])
+            for key, contact in contacts.items():
+                for body, columns in self.bodies(contact, topic).items():
+                    if body in by_body:
+                        other = by_body[body][2].info.topic
+                        both = f"{other} and {topic} both hold" if other != topic else f"{topic} holds twice"
+                        raise LogError(
+                            f"{self.source}: {both} the wrench of body '{body}'; `body` under contacts in a topic map "
+                            "says which body each is of."
+                        )
+                    by_body[body] = (key, contact, columns)
         if not by_body:
             wanted = ", ".join(contact.topic for contact in self.topics.contacts) or "those of the topic map (none)"
             raise LogError(
@@ -160,6 +204,18 @@ class _Reader:
                 f"{self.supply(WRENCH, contents)}"
             )
         return by_body
+
+    def bodies(self, contact: ContactMap, topic: str) -> dict[str, TopicColumns]:
+        """The bodies whose wrench a topic holds: the one that the map names, or each that the messages name."""
+        columns = self.columns[topic]
+        if not isinstance(contact.body, TextField):
+            return {contact.body: columns}
+        meaning = "the body that the wrench acts on (or name it in a topic map: `body`)"
+        parts = columns.parts(contact.body.path)
+        found = {(texts[0] if texts else ""): part for texts, part in parts.items()}
+        if "" in found:
+            raise LogError(f"{columns.where}: {contact.body.path} is empty, expected {meaning}.")
+        return found
 
     def name(self, given: str | TextField, topic: str, meaning: str) -> str:
         """Return a body's name: as given, or from a text field that must be the same in all messages of a topic."""
@@ -175,11 +231,44 @@ class _Reader:
             raise LogError(f"{columns.where}: {given.path} is empty, expected {meaning}.")
         return texts[0]
 
-    def align(self, signals: Sequence[Signal]) -> Alignment:
-        """Put the clocks of all signals side by side; a signal's lag is taken off its stamps."""
-        topics = {signal.columns.info.topic: signal.columns for signal in signals}
+    def align(self, base: Base, joints: Joints, contacts: Collection[Contact]) -> Alignment:
+        """Put the clocks of all signals in order and side by side; a signal's lag is taken off its stamps."""
+        signals = [*base.signals, *joints.signals]
+        pushed = [contact.signal for contact in contacts]
+        topics = {signal.columns.name: signal.columns for signal in (*signals, *pushed)}
+        by_log = self.times_by_log(topics)
+        streams: dict[str, Stream] = {}
+        for signal in (*signals, *pushed):
+            known = streams.get(signal.stream)
+            clock = signal.clock(by_log=by_log)
+            streams[signal.stream] = replace(clock, held=clock.held and (known is None or known.held))
+        settled = settle(streams, self.source)
+        self.warnings += settled.warnings
+        for signal in (*signals, *pushed):
+            signal.settle(settled.rows[signal.stream], settled.streams[signal.stream].stamps_ns)
+        streams = dict(settled.streams)
+        running = streams[signals[0].stream].stamps_ns
+        for name in {contact.signal.stream: None for contact in contacts}:
+            of_topic = [contact for contact in contacts if contact.signal.stream == name]
+            if any(signal.stream == name for signal in signals):
+                continue
+            silence = of_topic[0].layout.silence
+            streams[name], values, line = fill_silence([c.signal for c in of_topic], streams[name], running, silence)
+            if line:
+                self.warnings.append(f"{name}: {line}.")
+                for contact, filled in zip(of_topic, values, strict=True):
+                    contact.signal.values = filled
+        settled = replace(settled, streams=streams)
+        return align(settled, self.source, joints.position[0].signal.stream, self.topics.rate, even=by_log)
+
+    def times_by_log(self, topics: Mapping[str, TopicColumns]) -> bool:
+        """Whether time is that of recording.
+
+        Raises:
+            LogError: the topic map wants header stamps, and a topic has none.
+        """
         clock = self.topics.clock
-        lacking = [topic for topic, columns in topics.items() if columns.header_ns() is None]
+        lacking = [name for name, columns in topics.items() if columns.header_ns() is None]
         if lacking and clock is Clock.HEADER:
             raise LogError(
                 f"{self.source}: no header stamps on {', '.join(lacking)}; use `clock: log` in the topic map."
@@ -191,14 +280,7 @@ class _Reader:
             for columns in topics.values():
                 late = columns.log_ns() == LATEST_NS
                 columns.leave_out(late, "log times of 2^63 ns or more, after the year 2262, are no times")
-        streams: dict[str, Stream] = {}
-        for signal in signals:
-            header = signal.columns.header_ns()
-            stamps = signal.columns.log_ns() if by_log or header is None else header
-            usable = stamps[signal.columns.usable()] - round(signal.lag_s * NANOSECONDS)
-            known = streams.get(signal.stream)
-            streams[signal.stream] = Stream(usable, signal.held and (known is None or known.held))
-        return align(streams, self.source, self.topics.rate, even=by_log)
+        return by_log
 
     def check_metadata(self, metadata: Mapping[str, str], alignment: Alignment) -> None:
         """Warn where the recorder's own words and the stamps disagree, or the recording ended early."""
@@ -213,6 +295,20 @@ class _Reader:
         end = metadata.get("end", COMPLETE)
         if end != COMPLETE:
             self.warnings.append(f"the recording ended early: {end}.")
+
+
+def _ends_with_velocity(joints: Joints, alignment: Alignment) -> bool:
+    """Whether the joints move from sample to sample with the velocity at the end, as in simulators."""
+    part = joints.position[0]
+    place = part.places[0]
+    other = next(one for one in joints.velocity if place in one.places)
+    times, rates = part.signal.times(alignment), other.signal.rows(alignment)
+    if not np.array_equal(times, other.signal.times(alignment)):
+        return False
+    moved = np.diff(part.signal.rows(alignment)[:, 0]) / (np.diff(times) / NANOSECONDS)
+    rate = rates[:, other.places.index(place)]
+    by_end = np.median(np.abs(moved - rate[1:]))
+    return bool(by_end < _LIKE_A_SIMULATOR * np.median(np.abs(moved - 0.5 * (rate[1:] + rate[:-1]))))
 
 
 def _read_only(array: FloatArray) -> FloatArray:

@@ -11,7 +11,8 @@ from mcap.exceptions import McapError
 from mcap.writer import CompressionType, Writer
 
 from massid.errors import LogError
-from massid.log.mcap.container import MESSAGE_HEAD, TopicInfo, read_messages
+from massid.log.containers import read_messages
+from massid.log.mcap.container import MESSAGE_HEAD, TopicInfo
 from massid.log.mcap.sink import CHUNK_BYTES
 from massid.outputs import check_outputs
 

@@ -1,78 +1,24 @@
-"""Columns of topics to the signals of a walk: base, joints and wrenches in MuJoCo's conventions, on one clock."""
+"""Columns of topics to the base and the contacts of a walk, in MuJoCo's conventions, on one clock."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from massid.errors import LogError
 from massid.log.alignment import Alignment
 from massid.log.columns import TopicColumns
-from massid.log.topics.map import BASE_STATE, JOINT_STATE, BaseMap, ContactMap, Frame, JointMap, On, Order, TextField
+from massid.log.signals import Signal, check_finite
+from massid.log.topics.map import BASE_STATE, BaseMap, ContactMap, Frame, On, Order
 from massid.typing import FloatArray, IntArray
 from massid.walk import resampling
-from massid.walk.conventions import rpy_to_wxyz, to_body, to_world, xyzw_to_wxyz
+from massid.walk.conventions import NANOSECONDS, rpy_to_wxyz, to_body, to_world, xyzw_to_wxyz
 
 _EXACT_NORM = 1e-6  # farther from 1 than a float32 quaternion gets: normalised, and said
-_LARGEST = 1e100  # its square is still a number
 _SOUND_NORM = 1e-3  # farther off than this it is no attitude
-
-
-@dataclass
-class Signal:
-    """One quantity over all messages of its topic.
-
-    Attributes:
-        columns: the topic.
-        values: shape (n, width).
-        held: each value acts until the next one.
-        lag_s: how much later than they should be its samples are stamped [s].
-    """
-
-    columns: TopicColumns
-    values: FloatArray
-    held: bool = False
-    lag_s: float = 0.0
-
-    @property
-    def stream(self) -> str:
-        """Name of the clock: the topic's own, or that less a lag."""
-        topic = self.columns.info.topic
-        return topic if self.lag_s == 0.0 else f"{topic} (less {self.lag_s * 1e3:g} ms)"
-
-    def rows(self, alignment: Alignment) -> FloatArray:
-        """The values that the alignment uses."""
-        rows = self.columns.usable()[alignment.rows[self.stream]]
-        return self.values if len(rows) == len(self.values) else self.values[rows]
-
-    def times(self, alignment: Alignment) -> IntArray:
-        """Stamps of these values [ns]."""
-        return alignment.times_ns[self.stream]
-
-    def on(self, alignment: Alignment) -> FloatArray:
-        """The signal on the alignment's clock: itself, a straight line, or the mean of what was held."""
-        values = self.rows(alignment)
-        if not alignment.resampled:
-            return values
-        if self.held:
-            return resampling.held_mean(self.times(alignment), values, alignment.stamps_ns, alignment.period_ns)
-        return resampling.linear(self.times(alignment), values, alignment.stamps_ns)
-
-
-def check_finite(columns: TopicColumns, values: FloatArray, names: Sequence[str]) -> None:
-    """Leave out rows that are not finite, and put zeros there; `names` says what each column is."""
-    bad = ~(np.abs(values) < _LARGEST)
-    if bad.any():
-        row, column = np.argwhere(bad)[0]
-        value = values[row, column]
-        expected = f"a number below {_LARGEST:g}" if np.isfinite(value) else "a finite number"
-        reason = f"sample {row}: {names[column]} is {value}, expected {expected}"
-        columns.leave_out(np.asarray(bad.any(axis=1)), reason)
-        values[bad] = 0.0
+_GAP_PERIODS = 1.5
 
 
 @dataclass
@@ -82,44 +28,82 @@ class Base:
     layout: BaseMap
     position: Signal
     orientation: Signal
-    linear: Signal
-    angular: Signal
+    linear: Signal | None
+    angular: Signal | None
 
     @property
     def signals(self) -> list[Signal]:
-        """All of them."""
-        return [self.position, self.orientation, self.linear, self.angular]
+        """All that were logged."""
+        return [signal for signal in (self.position, self.orientation, self.linear, self.angular) if signal is not None]
 
-    def on(self, alignment: Alignment) -> FloatArray:
-        """Position, attitude (wxyz), world velocity and body turn rate on the alignment's clock, shape (n, 13)."""
-        linear, angular = self.linear.rows(alignment), self.angular.rows(alignment)
-        if self.layout.linear_frame is Frame.BODY:
-            linear = to_world(self.attitude_of(self.linear, alignment), linear)
-        if self.layout.angular_frame is Frame.WORLD:
-            angular = to_body(self.attitude_of(self.angular, alignment), angular)
+    def on(self, alignment: Alignment, *, ends_with_velocity: bool) -> FloatArray:
+        """Position, attitude (wxyz), world velocity and body turn rate on the alignment's clock, shape (n, 13).
+
+        Args:
+            alignment: the clock.
+            ends_with_velocity: a velocity that was not logged is that of the step before a sample, as in simulators
+                that move with the velocity at the end of a step; else that of the steps on both sides.
+        """
         position, attitude = self.position.rows(alignment), self.orientation.rows(alignment)
-        if alignment.resampled:
+        at_position, at_attitude = self.position.times(alignment), self.orientation.times(alignment)
+        if self.linear is None:
+            at_linear, linear = at_position, _rates(at_position, position, ends_with_velocity)
+        else:
+            at_linear, linear = self.linear.times(alignment), self.linear.rows(alignment)
+            if self.layout.linear_frame is Frame.BODY:
+                linear = to_world(self.attitude_of(self.linear, alignment), linear)
+        if self.angular is None:
+            at_angular, angular = at_attitude, _turn_rates(at_attitude, attitude, ends_with_velocity)
+        else:
+            at_angular, angular = self.angular.times(alignment), self.angular.rows(alignment)
+            if self.layout.angular_frame is Frame.WORLD:
+                angular = to_body(self.attitude_of(self.angular, alignment), angular)
+        if not alignment.exact:
             stamps = alignment.stamps_ns
-            at = {
-                name: getattr(self, name).times(alignment) for name in ("position", "orientation", "linear", "angular")
-            }
-            slopes = resampling.linear(at["linear"], linear, at["position"])
-            rates = resampling.linear(at["angular"], angular, at["orientation"])
-            position = resampling.cubic(at["position"], position, slopes, stamps)
-            attitude = resampling.attitude(at["orientation"], attitude, rates, stamps)
-            linear = resampling.linear(at["linear"], linear, stamps)
-            angular = resampling.linear(at["angular"], angular, stamps)
+            slopes = resampling.linear(at_linear, linear, at_position)
+            rates = resampling.linear(at_angular, angular, at_attitude)
+            position = resampling.cubic(at_position, position, slopes, stamps)
+            attitude = resampling.attitude(at_attitude, attitude, rates, stamps)
+            linear = resampling.linear(at_linear, linear, stamps)
+            angular = resampling.linear(at_angular, angular, stamps)
         return np.hstack([position, attitude, linear, angular])
 
     def attitude_of(self, signal: Signal, alignment: Alignment) -> FloatArray:
         """Attitude at the samples of another signal."""
         attitude = self.orientation.rows(alignment)
-        if not alignment.resampled or signal.stream == self.orientation.stream:
+        if alignment.exact or signal.stream == self.orientation.stream:
             return attitude
         times = self.orientation.times(alignment)
         at = resampling.Bracket.find(times, signal.times(alignment))
         turn = resampling.rotation_between(attitude[at.index], attitude[at.index + 1])
         return resampling.multiply(attitude[at.index], resampling.from_rotation(at.share * turn))
+
+
+def _rates(times_ns: IntArray, values: FloatArray, ends_with_velocity: bool) -> FloatArray:
+    """Velocities of samples from their differences, never across a gap [1/s], shape (n, width)."""
+    return _of_steps(times_ns, np.diff(values, axis=0), ends_with_velocity)
+
+
+def _turn_rates(times_ns: IntArray, wxyz: FloatArray, ends_with_velocity: bool) -> FloatArray:
+    """Turn rates in the body from differences of attitudes [rad/s], shape (n, 3)."""
+    return _of_steps(times_ns, resampling.rotation_between(wxyz[:-1], wxyz[1:]), ends_with_velocity)
+
+
+def _of_steps(times_ns: IntArray, moved: FloatArray, ends_with_velocity: bool) -> FloatArray:
+    """The rate at each sample: of the step before it, or of those on both sides; at a gap, of the one that is there."""
+    steps = np.diff(times_ns)
+    sound = steps < _GAP_PERIODS * np.median(steps)
+    step_s = (steps / NANOSECONDS)[:, None]
+    before, after = np.zeros(len(times_ns), dtype=bool), np.zeros(len(times_ns), dtype=bool)
+    before[1:], after[:-1] = sound, sound
+    if ends_with_velocity:
+        after &= ~before
+    path, time_s = np.zeros((len(times_ns), moved.shape[1])), np.zeros((len(times_ns), 1))
+    path[1:] += np.where(before[1:, None], moved, 0.0)
+    time_s[1:] += np.where(before[1:, None], step_s, 0.0)
+    path[:-1] += np.where(after[:-1, None], moved, 0.0)
+    time_s[:-1] += np.where(after[:-1, None], step_s, 0.0)
+    return np.asarray(np.divide(path, time_s, out=np.zeros_like(path), where=time_s > 0.0))
 
 
 def read_base(layout: BaseMap, topics: Mapping[str, TopicColumns], warnings: list[str]) -> Base:
@@ -141,7 +125,13 @@ def read_base(layout: BaseMap, topics: Mapping[str, TopicColumns], warnings: lis
         signals[quantity] = Signal(columns, values * source.scale if source.scale != 1.0 else values)
     attitude = signals["orientation"]
     attitude.values = _attitude(attitude, layout.order, warnings)
-    return Base(layout, signals["position"], attitude, signals["linear_velocity"], signals["angular_velocity"])
+    derived = [quantity for quantity in ("linear_velocity", "angular_velocity") if quantity not in signals]
+    if derived:
+        warnings.append(
+            f"{layout.position.topic} has no {' and no '.join(derived).replace('_', ' ')} of the base; "
+            "derived from the poses, whose noise it multiplies. A state estimator's nav_msgs/msg/Odometry is better."
+        )
+    return Base(layout, signals["position"], attitude, signals.get("linear_velocity"), signals.get("angular_velocity"))
 
 
 def _attitude(signal: Signal, order: Order, warnings: list[str]) -> FloatArray:
@@ -160,123 +150,11 @@ def _attitude(signal: Signal, order: Order, warnings: list[str]) -> FloatArray:
     loose = (off > _EXACT_NORM) & (off <= _SOUND_NORM)
     if loose.any():
         warnings.append(
-            f"{columns.info.topic}: {int(loose.sum())} quaternions are off unit norm by up to {off[loose].max():.2g}; "
+            f"{columns.name}: {int(loose.sum())} quaternions are off unit norm by up to {off[loose].max():.2g}; "
             "normalised."
         )
         quaternion = np.where(loose[:, None], quaternion / np.where(norm > 0, norm, 1.0)[:, None], quaternion)
     return quaternion
-
-
-@dataclass
-class Joints:
-    """States and torques of the joints, in the order of `names`."""
-
-    names: tuple[str, ...]
-    position: Signal
-    velocity: Signal
-    effort: Signal
-    locked: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def signals(self) -> list[Signal]:
-        """All of them."""
-        return [self.position, self.velocity, self.effort]
-
-    def on(self, alignment: Alignment, base: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Join with the base's columns, shape (n, 13), to qpos, shape (n, 7 + n_j), and qvel, shape (n, 6 + n_j)."""
-        n, n_j = len(alignment.stamps_ns), len(self.names)
-        qpos, qvel = np.empty((n, 7 + n_j)), np.empty((n, 6 + n_j))
-        qpos[:, :7], qvel[:, :6] = base[:, :7], base[:, 7:]
-        if not alignment.resampled:
-            qpos[:, 7:], qvel[:, 6:] = self.position.rows(alignment), self.velocity.rows(alignment)
-            return qpos, qvel
-        times, velocity = self.position.times(alignment), self.velocity.rows(alignment)
-        slopes = resampling.linear(self.velocity.times(alignment), velocity, times)
-        qpos[:, 7:] = resampling.cubic(times, self.position.rows(alignment), slopes, alignment.stamps_ns)
-        qvel[:, 6:] = self.velocity.on(alignment)
-        return qpos, qvel
-
-
-def read_joints(layout: JointMap, topics: Mapping[str, TopicColumns], lag_s: Mapping[str, float]) -> Joints:
-    """Take the joints' signals from the columns of their topics."""
-    lead = topics[layout.position.topic]
-    logged = _logged_names(layout, lead)
-    kept = [n for n in logged if n != "-" and not _any(layout.ignore, n, layout.rename.get(n, n))]
-    names = tuple(layout.rename.get(name, name) for name in kept)
-    for name in names:
-        if names.count(name) > 1:
-            raise LogError(f"{lead.where}: joint '{name}' occurs {names.count(name)} times, expected once.")
-    if not names:
-        raise LogError(f"{lead.where}: every joint is ignored by the topic map; it has: {', '.join(logged)}.")
-    passive = [column for column, name in enumerate(names) if _any(layout.passive, name)]
-    signals = {}
-    for quantity, source in layout.sources.items():
-        columns = topics[source.topic]
-        values = _joint_values(columns, f"{JOINT_STATE} {quantity}", quantity, layout, logged, kept)
-        held = quantity == "effort"
-        if held and passive:
-            bad = np.isnan(values).all(axis=1)
-            values[:, passive] = 0.0
-            values[bad] = np.nan
-        check_finite(columns, values, [f"{quantity} of joint '{name}'" for name in names])
-        if source.scale != 1.0:
-            values *= source.scale
-        signals[quantity] = Signal(columns, values, held, lag_s.get("effort" if held else "joints", 0.0))
-    return Joints(names, signals["position"], signals["velocity"], signals["effort"])
-
-
-def _any(patterns: Sequence[str], *names: str) -> bool:
-    return any(fnmatchcase(name, pattern) for pattern in patterns for name in names)
-
-
-def _logged_names(layout: JointMap, columns: TopicColumns) -> tuple[str, ...]:
-    """Names in the order of the arrays: those of the map, or of most messages."""
-    if not isinstance(layout.names, TextField):
-        return layout.names
-    sets: Counter[frozenset[str]] = Counter()
-    for texts, count in columns.texts(layout.names.path).items():
-        sets[frozenset(texts)] += count
-    usual = sets.most_common(1)[0][0]
-    names = next(t for t in columns.texts(layout.names.path) if frozenset(t) == usual)
-    if not usual:
-        raise LogError(f"{columns.where}: sample 0: no joint names (field '{layout.names.path}').")
-    return names
-
-
-def _joint_values(
-    columns: TopicColumns, key: str, quantity: str, layout: JointMap, logged: tuple[str, ...], kept: Sequence[str]
-) -> FloatArray:
-    """Return a quantity of the kept joints, rows that lack some of them marked as unusable, shape (n, n_j)."""
-    orders: list[list[int] | None] = []
-    others, wrong_width = np.zeros(len(columns), dtype=bool), np.zeros(len(columns), dtype=bool)
-    other_reason = width_reason = ""
-    at = 0
-    for block in columns.blocks:
-        rows = slice(at, at + len(block))
-        at += len(block)
-        here = block.texts.get(layout.names.path, ()) if isinstance(layout.names, TextField) else logged
-        found = block.columns[key].shape[1]
-        missing = sorted(set(kept) - set(here))
-        orders.append([])
-        if missing:
-            others[rows] = True
-            new = sorted(set(here) - set(logged))
-            other_reason = other_reason or (
-                f"sample {rows.start}: the joints differ from those of most samples "
-                f"(missing: {', '.join(missing)}; new: {', '.join(new) or 'none'})"
-            )
-        elif found != len(here):
-            wrong_width[rows] = True
-            width_reason = width_reason or (
-                f"sample {rows.start}: {quantity} has {found} values, expected one for each of the {len(here)} joints"
-            )
-        else:
-            orders[-1] = None if tuple(here) == tuple(kept) else [here.index(name) for name in kept]
-    values = columns.values(key, len(kept), orders)
-    columns.leave_out(others, other_reason)
-    columns.leave_out(wrong_width, width_reason)
-    values[others | wrong_width] = 0.0  # left out already, for a reason of their own
-    return values
 
 
 @dataclass
@@ -287,13 +165,16 @@ class Contact:
     signal: Signal
 
 
-def read_contact(layout: ContactMap, columns: TopicColumns, lag_s: float) -> Contact:
+def read_contact(layout: ContactMap, key: str, columns: TopicColumns, lag_s: float) -> Contact:
     """Take a wrench from the columns of its topic: on the robot, about the body's origin."""
-    found = columns.widths("wrench").most_common(1)[0][0]
+    found = columns.widths(key).most_common(1)[0][0]
     if found != 6:
-        raise LogError(f"{columns.where}: {layout.force} and {layout.torque} have {found} values, expected 6.")
-    values = columns.values("wrench", 6)
-    names = [f"{path}.{axis}" for path in (layout.force, layout.torque) for axis in "xyz"]
+        raise LogError(
+            f"{columns.where}: {', '.join((*layout.force, *layout.torque))} have {found} values, expected 6."
+        )
+    values = columns.values(key, 6)
+    paths = (*layout.force, *layout.torque)
+    names = list(paths) if len(paths) == found else [f"{path}.{axis}" for path in paths for axis in "xyz"]
     check_finite(columns, values, names)
     if layout.on is On.GROUND:
         np.negative(values, out=values)

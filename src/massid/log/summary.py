@@ -9,7 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from massid.log.mcap.container import TopicInfo, read_messages
+from massid.log.containers import read_messages
+from massid.log.files import kind_of
+from massid.log.mcap.container import TopicInfo
+from massid.log.tables import TABLES, read_table
+from massid.log.topics.map import TimeColumn
 from massid.typing import IntArray
 from massid.walk.conventions import LATEST_NS, NANOSECONDS
 
@@ -65,12 +69,21 @@ class LogSummary:
         return (max(t.last_ns for t in used) - min(t.first_ns for t in used)) / NANOSECONDS
 
 
-def summarise_log(path: Path | str) -> LogSummary:
-    """Look through a whole file.
+def summarise_log(path: Path | str, time: TimeColumn | None = None) -> LogSummary:
+    """Look through a whole log.
+
+    Args:
+        path: see `read_walk`.
+        time: of a table, the column of time.
 
     Raises:
-        LogError: there is no such file, or it is not MCAP.
+        LogError: there is no such file, or it is no log.
     """
+    path = Path(path)
+    kind = None if path.is_dir() else kind_of(path)
+    if kind in TABLES:
+        table = read_table(path, kind)
+        return LogSummary((_summarise(table.info, table.times_ns(time)),), {}, ())
     times: dict[str, list[int]] = {}
 
     def receive(info: TopicInfo, records: list[bytes]) -> None:

@@ -177,6 +177,11 @@ class Result:
         status = Status.NOT_CONVERGED if settled else self.status
         return replace(self, stopped=True, status=status)
 
+    def denied(self) -> Result:
+        """The same, which the log contradicts: settled or not, these are not the robot's masses."""
+        status = Status.CONTRADICTED if self.status is Status.CONVERGED else self.status
+        return replace(self, status=status)
+
     def save_model(self, path: Path, *, with_assets: bool = False) -> None:
         """Save the robot's model with what was found in it; what is not identifiable keeps the model file's value.
 
@@ -201,9 +206,9 @@ class Result:
 
     def checked(self, validation: Validation) -> Result:
         """The result with the checks against its log, and their warnings; no longer converged if they deny it."""
-        denied = validation.warnings()
-        status = Status.CONTRADICTED if denied and self.status is Status.CONVERGED else self.status
-        return replace(self, validation=validation, warnings=self.warnings + denied, status=status)
+        said = validation.warnings()
+        result = replace(self, validation=validation, warnings=self.warnings + said)
+        return result.denied() if said else result
 
     def unknowns(self) -> tuple[ParameterSpace, FloatArray]:
         """Everything that was estimated for the first log, nuisances included, and its values, shape (n,).

@@ -58,7 +58,7 @@ def attitude(times_ns: IntArray, wxyz: FloatArray, rates: FloatArray, stamps_ns:
     start = wxyz[at.index]
     turn = rotation_between(start, wxyz[at.index + 1])
     vector = _hermite(at, np.zeros_like(turn), turn, rates[at.index], rates[at.index + 1])
-    return multiply(start, from_rotation(vector))
+    return np.where(at.share == 1.0, wxyz[at.index + 1], multiply(start, from_rotation(vector)))
 
 
 def held_mean(times_ns: IntArray, values: FloatArray, stamps_ns: IntArray, period_ns: float) -> FloatArray:

@@ -180,6 +180,13 @@ class Walk:
         windows = list(self.windows(dwell_s))
         if not windows:
             longest = max(len(segment) for segment in self.segments) * self.timestep_s
+            if self.duration_s > 2.0 * dwell_s:
+                lost = next((line for line in reversed(self.warnings) if "left out" in line or "gap" in line), "")
+                raise LogError(
+                    f"{self.source}: {len(self.segments) - 1} gaps cut {self.duration_s:.4g} s of samples into pieces "
+                    f"of at most {longest:.4g} s, which do not fill one dwell window of {dwell_s} s; use a shorter "
+                    f"`dwell_s`, or mend what cuts the log{': ' + lost if lost else '.'}"
+                )
             raise LogError(
                 f"{self.source}: {longest:.4g} s of samples without a gap do not fill one dwell window of {dwell_s} s; "
                 "record a longer walk or use a shorter `dwell_s`."

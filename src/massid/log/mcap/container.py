@@ -19,7 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, MessageIndex, Metadata, Schema
 
 from massid.errors import LogError
-from massid.log.mcap.files import MAGIC, check_is_mcap
+from massid.log.files import MAGIC
 
 _RECORD = struct.Struct("<BQ")  # opcode, length
 _MESSAGE = struct.Struct("<BQH")  # opcode, length, channel
@@ -74,13 +74,11 @@ class Contents:
     warnings: tuple[str, ...]
 
 
-def read_messages(
-    path: Path, uses: Callable[[str], bool], receive: Callable[[TopicInfo, list[bytes]], None]
-) -> Contents:
+def read_mcap(path: Path, uses: Callable[[str], bool], receive: Callable[[TopicInfo, list[bytes]], None]) -> Contents:
     """Hand over the messages of the topics in use, in the order of the file.
 
     Args:
-        path: the MCAP file, finished or cut off.
+        path: an MCAP file, finished or cut off.
         uses: tells whether a topic is of interest.
         receive: takes a batch of messages of one topic: for each its record, `MESSAGE_HEAD` bytes and the message.
 
@@ -88,9 +86,8 @@ def read_messages(
         What else was found, with a line for each loss.
 
     Raises:
-        LogError: there is no such file, or it is not MCAP; says what it is instead.
+        LogError: the file cannot be read.
     """
-    check_is_mcap(path)
     try:
         with path.open("rb") as stream:
             scan = _Scan(stream, path.stat().st_size, uses, receive)
@@ -132,6 +129,7 @@ class _Scan:
         self.closed = False
         self.chunks: dict[int, ChunkIndex] = {}  # by position of the chunk
         self.pending: dict[int, list[bytes]] = {}  # messages to hand over, by channel
+        self.shared: dict[int, set[int]] = {}  # channels of topics that have several, and which these are
         self.orphans: Counter[int] = Counter()  # messages of channels that nothing defines
         self.unchecked = 0  # chunks, and messages outside of chunks, that no checksum protects
         self.unchunked = 0  # messages outside of chunks
@@ -254,7 +252,12 @@ class _Scan:
             known = self.schemas.get(channel.schema_id, Schema(id=0, data=b"", encoding="", name="unknown"))
             said = tuple(channel.metadata.items())
             info = TopicInfo(channel.topic, known.name, channel.message_encoding, known.encoding, known.data, said)
-            self.channels.setdefault(channel.id, info)
+            if channel.id not in self.channels:
+                of_topic = {other for other, known in self.channels.items() if known.topic == channel.topic}
+                self.channels[channel.id] = info
+                if of_topic:
+                    of_topic.add(channel.id)
+                    self.shared |= {other: of_topic for other in of_topic}
 
     def read_chunk(self, position: int, content: bytes) -> _Damage | None:
         """Take the messages of a chunk; return the damage if its loss is still to be counted."""
@@ -283,7 +286,7 @@ class _Scan:
                 self.read_record(opcode, position, data[at + _RECORD.size : stop])
             elif size < MESSAGE_HEAD:
                 raise ValueError(f"a message of {size} bytes")
-            elif channel in pending:
+            elif channel in pending and channel not in self.shared:
                 pending[channel].append(data[at + _RECORD.size : stop])
             else:
                 self.take(channel, data[at + _RECORD.size : stop])
@@ -295,6 +298,9 @@ class _Scan:
         if info is None:
             self.orphans[channel] += 1
         elif self.uses(info.topic):
+            for other in self.shared.get(channel, ()):  # messages of a topic stay in the order of the file
+                if other != channel and self.pending.get(other):
+                    self.hand_over(other)
             messages = self.pending.setdefault(channel, [])
             messages.append(message)
             if len(messages) >= _BATCH:
@@ -363,7 +369,7 @@ def _decompress(chunk: Chunk) -> bytes:
             raise ValueError(f"chunk of {declared} bytes, expected {chunk.uncompressed_size}")
         data = zstandard.ZstdDecompressor().decompress(data, max_output_size=chunk.uncompressed_size)
     elif chunk.compression == "lz4":
-        data = lz4.frame.decompress(data)
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=chunk.uncompressed_size + 1)
     elif chunk.compression:
         raise ValueError(f"unknown compression '{chunk.compression}'")
     if len(data) != chunk.uncompressed_size:

@@ -6,7 +6,7 @@ import re
 
 _SEPARATOR = "=" * 80
 
-_DEFINITIONS: dict[str, str] = {
+DEFINITIONS: dict[str, str] = {
     "builtin_interfaces/Time": "int32 sec\nuint32 nanosec\n",
     "std_msgs/Header": "builtin_interfaces/Time stamp\nstring frame_id\n",
     "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n",
@@ -17,6 +17,15 @@ _DEFINITIONS: dict[str, str] = {
     "geometry_msgs/Wrench": "geometry_msgs/Vector3 force\ngeometry_msgs/Vector3 torque\n",
     "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose\nfloat64[36] covariance\n",
     "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist\nfloat64[36] covariance\n",
+    "builtin_interfaces/Duration": "int32 sec\nuint32 nanosec\n",
+    "geometry_msgs/Transform": "geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation\n",
+    "geometry_msgs/TransformStamped": (
+        "std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/Transform transform\n"
+    ),
+    "geometry_msgs/PoseStamped": "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
+    "geometry_msgs/PoseWithCovarianceStamped": "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose\n",
+    "geometry_msgs/TwistStamped": "std_msgs/Header header\ngeometry_msgs/Twist twist\n",
+    "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms\n",
     "geometry_msgs/WrenchStamped": "std_msgs/Header header\ngeometry_msgs/Wrench wrench\n",
     "nav_msgs/Odometry": (
         "std_msgs/Header header\n"
@@ -28,6 +37,8 @@ _DEFINITIONS: dict[str, str] = {
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
     ),
 }
+
+"""Standard messages by name without `/msg/`."""
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -48,16 +59,16 @@ def definition_text(message_type: str) -> str:
         message_type: full name, such as `nav_msgs/msg/Odometry`; one of the types of a walk log.
     """
     root = message_type.replace("/msg/", "/")
-    parts = [_DEFINITIONS[root]]
+    parts = [DEFINITIONS[root]]
     seen, pending = {root}, _dependencies(root)
     while pending:
         name = pending.pop(0)
         if name not in seen:
             seen.add(name)
-            parts.append(f"{_SEPARATOR}\nMSG: {name}\n{_DEFINITIONS[name]}")
+            parts.append(f"{_SEPARATOR}\nMSG: {name}\n{DEFINITIONS[name]}")
             pending = _dependencies(name) + pending
     return "".join(parts)
 
 
 def _dependencies(name: str) -> list[str]:
-    return re.findall(r"^(\w+/\w+) ", _DEFINITIONS[name], flags=re.MULTILINE)
+    return re.findall(r"^(\w+/\w+)(?:\[\])? ", DEFINITIONS[name], flags=re.MULTILINE)

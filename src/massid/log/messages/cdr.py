@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +33,7 @@ _FIELD = re.compile(
     r"^(?P<type>[A-Za-z][\w/]*)(?:<=\d+)?(?P<array>\[(?:<=)?\d*\])?\s+(?P<name>[A-Za-z]\w*)\s*(?P<rest>.*)$"
 )
 _HEADER_BYTES = 4  # the encapsulation header: alignment counts from its end
+_XCDR2 = range(0x06, 0x0C)
 _MAX_TRAILING = 3  # some middleware pads a message to a multiple of four
 _MAX_FIELDS = 100_000  # of one message; a damaged definition must not keep the reader busy
 _MAX_DEPTH = 32
@@ -119,8 +120,20 @@ class Layout:
         return all(bool((table[:, a:b] == example[a:b]).all()) for a, b in self.fixed)
 
 
-def parse_schema(message_type: str, text: str) -> Schema:
-    """Read a `ros2msg` schema: the definition of a message followed by those of the messages in it.
+_BUILT_IN = {
+    "time": (Field("sec", "int32", None), Field("nanosec", "uint32", None)),
+    "duration": (Field("sec", "int32", None), Field("nanosec", "int32", None)),
+}
+"""What ROS 1 has as types of their own; their numbers are named as in ROS 2."""
+
+
+def parse_schema(message_type: str, text: str, standard: Mapping[str, str] | None = None) -> Schema:
+    """Read a `ros2msg` or `ros1msg` schema: the definition of a message followed by those of the messages in it.
+
+    Args:
+        message_type: its name.
+        text: the schema.
+        standard: definitions of messages that a schema may leave out.
 
     Raises:
         CdrError: a line that is not a field, or a type without a definition.
@@ -136,7 +149,16 @@ def parse_schema(message_type: str, text: str) -> Schema:
                 raise CdrError(f"the definition of {root} has '{header}' where 'MSG: package/Type' was expected")
             name = header.removeprefix("MSG:").strip().replace("/msg/", "/")
         raw[name] = list(_parse_fields(name, lines))
-    return Schema(root, {name: tuple(_resolve(f, name, raw) for f in fields) for name, fields in raw.items()})
+    types: dict[str, tuple[Field, ...]] = {}
+    pending = list(raw)
+    while pending:
+        name = pending.pop()
+        if name not in raw:
+            raw[name] = list(_BUILT_IN.get(name) or _parse_fields(name, (standard or {})[name].splitlines()))
+        types[name] = tuple(_resolve(f, name, {*raw, *(standard or {}), *_BUILT_IN}) for f in raw[name])
+        named = {field.type for field in types[name]} - set(_PRIMITIVES) - {"string"}
+        pending += [other for other in named if other not in types and other not in pending]
+    return Schema(root, types)
 
 
 def _parse_fields(owner: str, lines: Sequence[str]) -> Iterator[Field]:
@@ -155,7 +177,7 @@ def _parse_fields(owner: str, lines: Sequence[str]) -> Iterator[Field]:
         yield Field(match["name"], match["type"].replace("/msg/", "/"), count)
 
 
-def _resolve(field: Field, owner: str, known: Mapping[str, object]) -> Field:
+def _resolve(field: Field, owner: str, known: Collection[str]) -> Field:
     if field.type in _PRIMITIVES or field.type == "string":
         return field
     package = owner.rpartition("/")[0]
@@ -165,40 +187,55 @@ def _resolve(field: Field, owner: str, known: Mapping[str, object]) -> Field:
     raise CdrError(f"field '{field.name}' of {owner} has type '{field.type}', which the schema does not define")
 
 
-def trace(schema: Schema, message: bytes) -> Layout:
+def trace(schema: Schema, message: bytes, *, packed: bool = False) -> Layout:
     """Find the layout of a message.
 
+    Args:
+        schema: its type.
+        message: in plain CDR.
+        packed: the message is one of ROS 1: without a header, padding and the ends of texts.
+
     Raises:
-        CdrError: the message is not plain CDR, ends too early, or is longer than its definition.
+        CdrError: the message is not so encoded, ends too early, or is longer than its definition.
     """
-    tracer = _Tracer(schema, message)
+    tracer = _Tracer(schema, message, packed=packed)
     tracer.walk(schema.root, "")
     rest = len(message) - tracer.position
-    if rest > _MAX_TRAILING:
+    if rest > (0 if packed else _MAX_TRAILING):
         raise CdrError(f"{rest} bytes remain after the last field of {schema.root}")
     return Layout(len(message), tracer.leaves, tracer.strings, tuple(tracer.fixed), bytes(message))
+
+
+def _other_encapsulation(message: bytes) -> str:
+    if len(message) >= _HEADER_BYTES and message[0] == 0 and message[1] in _XCDR2:
+        return " but XCDR2, which some DDS bridges write: record with rosbag2, or set the writer to XCDR1"
+    return ""
 
 
 class _Tracer:
     """One pass over one message, field by field."""
 
-    def __init__(self, schema: Schema, message: bytes) -> None:
-        if len(message) < _HEADER_BYTES or message[0] != 0 or message[1] > 1:
-            raise CdrError(f"encapsulation header {message[:4].hex(' ')} is not plain CDR (00 00 or 00 01)")
-        self.order = "<" if message[1] == 1 else ">"
+    def __init__(self, schema: Schema, message: bytes, *, packed: bool) -> None:
+        if not packed and (len(message) < _HEADER_BYTES or message[0] != 0 or message[1] > 1):
+            raise CdrError(
+                f"encapsulation header {message[:4].hex(' ')} is not plain CDR (00 00 or 00 01)"
+                + _other_encapsulation(message)
+            )
+        self.order = "<" if packed or message[1] == 1 else ">"
+        self.packed = packed
         self.schema = schema
         self.message = message
-        self.position = _HEADER_BYTES
+        self.position = 0 if packed else _HEADER_BYTES
         self.leaves: dict[str, Leaf] = {}
         self.strings: dict[str, tuple[str, ...]] = {}
-        self.fixed: list[tuple[int, int]] = [(0, 2)]
+        self.fixed: list[tuple[int, int]] = [(0, 0 if packed else 2)]
         self.visited = 0
 
     def walk(self, type_name: str, prefix: str, depth: int = 0) -> None:
         if depth > _MAX_DEPTH:
             raise CdrError(f"the definition of {type_name} holds itself, or more than {_MAX_DEPTH} messages in a row")
         fields = self.schema.types[type_name]
-        if not fields:  # a message without fields takes one byte
+        if not fields and not self.packed:  # a message without fields takes one byte
             self.take(f"{prefix}(empty)", 1)
         for field in fields:
             path = prefix + field.name
@@ -248,7 +285,8 @@ class _Tracer:
         return count
 
     def align(self, size: int) -> None:
-        self.position += -(self.position - _HEADER_BYTES) % size
+        if not self.packed:
+            self.position += -(self.position - _HEADER_BYTES) % size
 
     def take(self, path: str, size: int) -> None:
         self.position += size

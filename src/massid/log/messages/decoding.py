@@ -9,10 +9,12 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
+import zstandard
 
 from massid.log.mcap.container import MESSAGE_HEAD, TopicInfo
-from massid.log.messages.cdr import CdrError, Layout, parse_schema, trace
-from massid.log.messages.paths import PathError, Pick, find_paths
+from massid.log.mcap.schemas import DEFINITIONS
+from massid.log.messages.cdr import CdrError, Layout, Schema, parse_schema, trace
+from massid.log.messages.paths import ElementMissing, PathError, Pick, find_paths
 from massid.log.messages.protobuf import ProtobufError, ProtobufMessages
 from massid.typing import AnyArray, FloatArray, IntArray
 from massid.walk.conventions import LATEST_NS, NANOSECONDS
@@ -26,6 +28,11 @@ _MAX_DEPTH = 32
 _LONGEST_REASON = 400
 _LOG_TIME_OFFSET = 6  # in the head of a message record: after channel and sequence
 _LOG_TIME = struct.Struct("<Q")
+_ZSTD = b"\x28\xb5\x2f\xfd"
+_LARGEST_MESSAGE = 1 << 24
+_PACKED = {"cdr": False, "ros1": True}
+_TEXT_SCHEMAS = ("ros2msg", "ros1msg")
+_NOT_ROS1 = "; the log says 'ros1': if it was converted, convert the ROS 1 bag with `rosbags-convert`"
 _LAYOUTS_KEPT = 15  # texts that change in every message must not make the search for a known layout long
 
 
@@ -61,7 +68,13 @@ class Unreadable:
 
 
 class Decoder(Protocol):
-    """Turns message records, each of `MESSAGE_HEAD` bytes and the message, into blocks."""
+    """Turns message records, each of `MESSAGE_HEAD` bytes and the message, into blocks.
+
+    Attributes:
+        notes: what had to be taken for granted, one line each.
+    """
+
+    notes: list[str]
 
     def decode(self, records: Sequence[bytes]) -> Iterator[Block | Unreadable]:
         """Decode messages in order; a message that lacks a wanted field is as unreadable as a damaged one."""
@@ -79,32 +92,87 @@ def make_decoder(info: TopicInfo, wanted: Mapping[str, Sequence[str]]) -> Decode
     """
     encoding, schema = info.message_encoding, info.schema_encoding
     try:
-        if encoding == "cdr" and schema == "ros2msg":
-            return CdrDecoder(parse_schema(info.message_type, info.schema_text), wanted)
+        if encoding in _PACKED:
+            definition, notes = _definition(info)
+            return CdrDecoder(definition, wanted, packed=_PACKED[encoding], notes=notes)
         if encoding == "json":
             return TreeDecoder(JsonMessages(), wanted)
         if encoding == "protobuf" and schema == "protobuf":
             return TreeDecoder(ProtobufMessages(info.message_type, info.schema_data), wanted)
     except (CdrError, ProtobufError) as error:
         raise DecodingError(f"{error}") from error
-    if encoding == "cdr":
-        raise DecodingError(f"has a schema in '{schema}', expected 'ros2msg'; record it with rosbag2's mcap storage")
     raise DecodingError(
-        f"is encoded as '{encoding}' with a schema in '{schema}', expected 'cdr' with 'ros2msg', 'json', or "
-        "'protobuf' with 'protobuf'"
+        f"is encoded as '{encoding}' with a schema in '{schema}', expected 'cdr' with 'ros2msg', "
+        "'ros1' with 'ros1msg', 'json', or 'protobuf' with 'protobuf'"
     )
+
+
+def _definition(info: TopicInfo) -> tuple[Schema, list[str]]:
+    """The definition of a topic's messages: that of the file, or the standard one of its name.
+
+    Raises:
+        CdrError: the file has none that is understood, and the message is no standard one.
+    """
+    name = info.message_type.replace("/msg/", "/")
+    standard = DEFINITIONS.get(name)
+    if info.schema_encoding in _TEXT_SCHEMAS and info.schema_data.strip():
+        try:
+            return parse_schema(info.message_type, info.schema_text, DEFINITIONS), []
+        except CdrError:
+            if standard is None:
+                raise
+    encoding = info.schema_encoding
+    what = f"a definition in '{encoding}'" if info.schema_data.strip() and encoding else "no definition"
+    if standard is None:
+        raise CdrError(
+            f"has {what} of {info.message_type}, and massid knows none: expected its text in 'ros2msg', which rosbag2 "
+            "stores when it finds the package's .msg files; or a topic of another, standard type"
+        )
+    note = f"the file has {what} of {info.message_type} that can be read; the standard one was taken"
+    return parse_schema(info.message_type, standard, DEFINITIONS), [note]
+
+
+def _inflated(records: Sequence[bytes]) -> Sequence[bytes]:
+    """Records whose messages were compressed one by one, as rosbag2 does in its compression mode "message".
+
+    Raises:
+        ValueError: a message is no such frame, or larger than any message is.
+    """
+    if not any(record.startswith(_ZSTD, MESSAGE_HEAD) for record in records):
+        return records
+    out = []
+    for record in records:
+        if record.startswith(_ZSTD, MESSAGE_HEAD):
+            frame = record[MESSAGE_HEAD:]
+            try:
+                size = zstandard.get_frame_parameters(frame).content_size
+                if size > _LARGEST_MESSAGE and size != zstandard.CONTENTSIZE_UNKNOWN:
+                    raise ValueError(f"a compressed message of {size} bytes, more than {_LARGEST_MESSAGE}")
+                data = zstandard.ZstdDecompressor().decompress(frame, max_output_size=_LARGEST_MESSAGE)
+            except zstandard.ZstdError as error:
+                raise ValueError(f"a compressed message is damaged: {error}") from error
+            record = record[:MESSAGE_HEAD] + data  # noqa: PLW2901
+        out.append(record)
+    return out
 
 
 @dataclass
 class CdrDecoder:
     """Decodes CDR: at once if all messages have one known layout, else one by one."""
 
-    schema: Any
+    schema: Schema
     wanted: Mapping[str, Sequence[str]]
+    packed: bool = False
+    notes: list[str] = field(default_factory=list)
     _layouts: list[_KnownLayout] = field(default_factory=list)
 
     def decode(self, records: Sequence[bytes]) -> Iterator[Block | Unreadable]:
         """Decode messages in order; see `Decoder`."""
+        try:
+            records = _inflated(records)
+        except ValueError as error:
+            yield from (Unreadable(str(error)) for _ in records)
+            return
         joined = b"".join(records)
         known = self._layouts[-1] if self._layouts else None
         if known is None or not known.layout.holds_for(joined, len(records), MESSAGE_HEAD):
@@ -118,8 +186,11 @@ class CdrDecoder:
         for record in records:
             try:
                 known = self._layout_of(record)
+            except ElementMissing:  # others may hold it
+                continue
             except (CdrError, PathError) as error:
-                yield Unreadable(str(error))
+                hint = _NOT_ROS1 if self.packed and isinstance(error, CdrError) else ""
+                yield Unreadable(f"{error}{hint}")
                 continue
             yield known.block(record)
 
@@ -128,7 +199,8 @@ class CdrDecoder:
             if known.layout.holds_for(record, 1, MESSAGE_HEAD):
                 return known
         del self._layouts[:-_LAYOUTS_KEPT]
-        self._layouts.append(_KnownLayout.make(trace(self.schema, record[MESSAGE_HEAD:]), self.wanted))
+        layout = trace(self.schema, record[MESSAGE_HEAD:], packed=self.packed)
+        self._layouts.append(_KnownLayout.make(layout, self.wanted))
         return self._layouts[-1]
 
 
@@ -144,8 +216,8 @@ class _KnownLayout:
     @classmethod
     def make(cls, layout: Layout, wanted: Mapping[str, Sequence[str]]) -> _KnownLayout:
         counts = {path: leaf.count for path, leaf in layout.leaves.items()}
-        picks = {key: find_paths(counts, paths) for key, paths in wanted.items()}
-        stamp = _stamp_paths(counts)
+        picks = {key: find_paths(counts, paths, layout.strings) for key, paths in wanted.items()}
+        stamp = _stamp_paths(counts, picks)
         paths = dict.fromkeys(pick.path for group in picks.values() for pick in group)
         paths |= dict.fromkeys(stamp or ())
         record = np.dtype(
@@ -196,18 +268,26 @@ class TreeDecoder:
 
     messages: TreeMessages
     wanted: Mapping[str, Sequence[str]]
-    _picks: dict[tuple[tuple[str, int | None], ...], dict[str, tuple[Pick, ...]]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    _picks: dict[Any, dict[str, tuple[Pick, ...]]] = field(default_factory=dict)
 
     def decode(self, records: Sequence[bytes]) -> Iterator[Block | Unreadable]:
         """Decode messages in order; see `Decoder`."""
         shape: tuple[tuple[str, int | None], ...] | None = None
         texts: dict[str, tuple[str, ...]] = {}
         gathered: list[tuple[int, dict[str, Any]]] = []
+        try:
+            records = _inflated(records)
+        except ValueError as error:
+            yield from (Unreadable(str(error)) for _ in records)
+            return
         for record in records:
             try:
                 numbers, here = _flatten(self.messages.parse(record[MESSAGE_HEAD:]))
                 found = tuple((path, _length(value)) for path, value in numbers.items())
-                self._resolve(found)
+                self._resolve(found, here)
+            except ElementMissing:  # others may hold it
+                continue
             except ValueError as error:
                 if gathered and shape is not None:
                     yield self._block(shape, texts, gathered)
@@ -223,11 +303,15 @@ class TreeDecoder:
         if gathered and shape is not None:
             yield self._block(shape, texts, gathered)
 
-    def _resolve(self, shape: tuple[tuple[str, int | None], ...]) -> dict[str, tuple[Pick, ...]]:
-        if shape not in self._picks:
+    def _resolve(
+        self, shape: tuple[tuple[str, int | None], ...], texts: Mapping[str, tuple[str, ...]]
+    ) -> dict[str, tuple[Pick, ...]]:
+        selects = any("=" in path for paths in self.wanted.values() for path in paths)
+        key = (shape, tuple(texts.items()) if selects else ())
+        if key not in self._picks:
             counts = dict(shape)
-            self._picks[shape] = {key: find_paths(counts, paths) for key, paths in self.wanted.items()}
-        return self._picks[shape]
+            self._picks[key] = {name: find_paths(counts, paths, texts) for name, paths in self.wanted.items()}
+        return self._picks[key]
 
     def _block(
         self,
@@ -235,13 +319,13 @@ class TreeDecoder:
         texts: dict[str, tuple[str, ...]],
         gathered: list[tuple[int, dict[str, Any]]],
     ) -> Block:
-        counts = dict(shape)
+        counts, picks = dict(shape), self._resolve(shape, texts)
         columns = {}
-        for key, picks in self._resolve(shape).items():
-            parts = [_part(np.array([numbers[p.path] for _, numbers in gathered], float), p.part) for p in picks]
+        for key, group in picks.items():
+            parts = [_part(np.array([numbers[p.path] for _, numbers in gathered], float), p.part) for p in group]
             columns[key] = _stack(parts)
         header = None
-        stamp = _stamp_paths(counts)
+        stamp = _stamp_paths(counts, picks)
         if stamp is not None:
             header = np.array([_stamp_ns(numbers[stamp[0]], numbers[stamp[1]]) for _, numbers in gathered], np.int64)
         return Block(np.array([log_ns for log_ns, _ in gathered], np.int64), header, columns, texts)
@@ -291,10 +375,15 @@ def _stamp_ns(seconds: Any, nanoseconds: Any) -> int:
     return int(seconds) * NANOSECONDS + int(nanoseconds)
 
 
-def _stamp_paths(counts: Mapping[str, int | None]) -> tuple[str, str] | None:
-    for pair in _STAMPS:
-        if all(path in counts and counts[path] is None for path in pair):
-            return pair
+def _stamp_paths(counts: Mapping[str, int | None], picks: Mapping[str, Sequence[Pick]]) -> tuple[str, str] | None:
+    """Where the stamp of a message stands: at its top, or in the element of an array that is wanted from it."""
+    elements = {
+        pick.path[: pick.path.index("]") + 2] for group in picks.values() for pick in group if "]." in pick.path
+    }
+    for prefix in ("", *sorted(elements)[:1]):
+        for pair in _STAMPS:
+            if all(counts.get(prefix + path, 0) is None for path in pair):
+                return prefix + pair[0], prefix + pair[1]
     return None
 
 

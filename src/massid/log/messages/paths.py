@@ -9,12 +9,17 @@ from dataclasses import dataclass
 
 _RANGE = re.compile(r"\[(\d*):(\d*)\]")
 _INDEX = re.compile(r"^(?P<path>.*)\[(?P<index>\d+)\]$")
+_SELECT = re.compile(r"\[(?P<name>[A-Za-z_][\w.]*)=(?P<value>[^\]]+)\]")
 _LISTED = 30
 _AXES = (("x", "y", "z"), ("x", "y", "z", "w"), ("roll", "pitch", "yaw"))
 
 
 class PathError(ValueError):
     """A path that a message does not have; names those it has."""
+
+
+class ElementMissing(PathError):
+    """A message that holds the array asked for, but not the element of that name."""
 
 
 @dataclass(frozen=True)
@@ -30,21 +35,43 @@ class Pick:
     part: slice | None = None
 
 
-def find_paths(known: Mapping[str, int | None], wanted: Iterable[str]) -> tuple[Pick, ...]:
+def find_paths(
+    known: Mapping[str, int | None], wanted: Iterable[str], texts: Mapping[str, tuple[str, ...]] | None = None
+) -> tuple[Pick, ...]:
     """Resolve paths to numbers, in order.
 
     Args:
         known: the numbers of a message by path, with the length of an array or None for a single number.
-        wanted: paths; one that ends in a message means its x, y, z (and w); `[:]` or `[2:5]` mean several elements.
+        wanted: paths; one that ends in a message means its x, y, z (and w); `[:]` or `[2:5]` mean several elements,
+            `[name=value]` the one whose text of that name is this.
+        texts: the texts of the message by path.
 
     Raises:
         PathError: there is no such number.
+        ElementMissing: no element of an array has that text.
     """
-    wanted = tuple(wanted)
+    wanted = tuple(_selected(path, texts or {}) for path in wanted)
     picks = tuple(pick for path in wanted for pick in _find(known, path.strip()))
     if not picks:
         raise PathError(f"'{', '.join(wanted)}' names no element")
     return picks
+
+
+def _selected(path: str, texts: Mapping[str, tuple[str, ...]]) -> str:
+    """The path with the index of an element in place of the text that it is known by."""
+    match = _SELECT.search(path)
+    if match is None:
+        return path
+    before, name, value = path[: match.start()], match["name"], match["value"].strip()
+    element = re.compile(re.escape(before) + r"\[(\d+)\]\." + re.escape(name))
+    found = []
+    for known, here in texts.items():
+        place = element.fullmatch(known)
+        if place is not None:
+            found.append(here[0])
+            if here[0].removeprefix("/") == value.removeprefix("/"):
+                return f"{before}[{place[1]}]{path[match.end() :]}"
+    raise ElementMissing(f"no '{before}' with {name} '{value}'; there is: {', '.join(found[:_LISTED]) or 'none'}")
 
 
 def _find(known: Mapping[str, int | None], path: str) -> list[Pick]:

@@ -31,14 +31,17 @@ from massid.log.topics.map import (
     On,
     Order,
     Rate,
+    Silence,
     Source,
     TextField,
+    TimeColumn,
     TopicMap,
 )
 
 _LARGEST_BYTES = 1 << 18
 _DEEPEST = 12
 _ROLES = {"base": BASE_STATE, "joints": JOINT_STATE, "contacts": WRENCH}
+_DERIVED = "derived"
 _STREAMS = ("joints", "effort", "wrench")
 _Choice = TypeVar("_Choice", bound=enum.StrEnum)
 
@@ -191,7 +194,7 @@ def _shown(value: Any) -> str:
 
 
 def _build(node: _Node, name: str) -> TopicMap:
-    node.mapping(("description", "clock", "rate", "lag_s", "base", "joints", "contacts", "supply"))
+    node.mapping(("description", "time", "clock", "rate", "lag_s", "base", "joints", "contacts", "supply"))
     lag = node.child("lag_s")
     lags = {key: lag.child(key).number() for key in lag.mapping(_STREAMS)} if lag.value is not None else {}
     supply = node.child("supply")
@@ -201,11 +204,19 @@ def _build(node: _Node, name: str) -> TopicMap:
         joints=_joints(node.child("joints")) if node.has("joints") else None,
         contacts=tuple(_contact(item) for item in node.child("contacts").items()) if node.has("contacts") else (),
         clock=node.child("clock").choice(Clock, Clock.AUTO),
-        rate=node.child("rate").choice(Rate, Rate.SLOWEST),
+        rate=node.child("rate").choice(Rate, Rate.AUTO),
         lag_s=lags,
+        time=_time(node.child("time")) if node.has("time") else None,
         supply=advice,
         name=name,
     )
+
+
+def _time(node: _Node) -> TimeColumn:
+    if not isinstance(node.value, dict):
+        return TimeColumn(node.text())
+    node.mapping(("field", "scale"))
+    return TimeColumn(node.child("field").text(), node.child("scale").number() if node.has("scale") else 1.0)
 
 
 def _source(group: _Node, key: str, *more: str) -> Source:
@@ -240,14 +251,18 @@ def _convention(group: _Node, key: str, setting: str) -> _Node:
     return node.child(setting) if isinstance(node.value, dict) else _Node(None, f"{node.where}: {setting}")
 
 
+def _unless_derived(node: _Node, key: str) -> Source | None:
+    return None if node.child(key).value == _DERIVED else _source(node, key, "frame")
+
+
 def _base(node: _Node) -> BaseMap:
     node.mapping(("topic", "body", "position", "orientation", "linear_velocity", "angular_velocity"))
     return BaseMap(
         body=_name(node.child("body")),
         position=_source(node, "position"),
         orientation=_source(node, "orientation", "order"),
-        linear_velocity=_source(node, "linear_velocity", "frame"),
-        angular_velocity=_source(node, "angular_velocity", "frame"),
+        linear_velocity=_unless_derived(node, "linear_velocity"),
+        angular_velocity=_unless_derived(node, "angular_velocity"),
         order=_convention(node, "orientation", "order").choice(Order, Order.XYZW),
         linear_frame=_convention(node, "linear_velocity", "frame").choice(Frame, Frame.BODY),
         angular_frame=_convention(node, "angular_velocity", "frame").choice(Frame, Frame.BODY),
@@ -255,10 +270,10 @@ def _base(node: _Node) -> BaseMap:
 
 
 def _joints(node: _Node) -> JointMap:
-    keys = ("topic", "names", "position", "velocity", "effort", "rename", "ignore", "locked", "passive")
+    keys = ("topic", "names", "position", "velocity", "effort", "rename", "ignore", "locked", "passive", "gears")
     node.mapping(keys)
     names = node.child("names")
-    rename, locked = node.child("rename"), node.child("locked")
+    rename, locked, gears = node.child("rename"), node.child("locked"), node.child("gears")
     return JointMap(
         names=TextField(names.child("field").text()) if isinstance(names.value, dict) else names.texts(),
         position=_source(node, "position"),
@@ -268,11 +283,12 @@ def _joints(node: _Node) -> JointMap:
         ignore=node.child("ignore").texts() if node.has("ignore") else (),
         locked={str(key): locked.child(key).number() for key in locked.mapping()} if locked.value is not None else {},
         passive=node.child("passive").texts() if node.has("passive") else (),
+        gears={str(key): gears.child(key).number() for key in gears.mapping()} if gears.value is not None else {},
     )
 
 
 def _contact(node: _Node) -> ContactMap:
-    node.mapping(("topic", "body", "force", "torque", "on", "frame", "position", "rotation"))
+    node.mapping(("topic", "body", "force", "torque", "on", "frame", "position", "rotation", "silence"))
     fresh = ContactMap()
     x, y, z = node.child("position").numbers(3) if node.has("position") else fresh.position
     rotation = node.child("rotation").numbers(4) if node.has("rotation") else fresh.rotation
@@ -283,10 +299,11 @@ def _contact(node: _Node) -> ContactMap:
     return ContactMap(
         topic=node.child("topic").text(),
         body=_name(node.child("body")) if node.has("body") else fresh.body,
-        force=node.child("force").text() if node.has("force") else fresh.force,
-        torque=node.child("torque").text() if node.has("torque") else fresh.torque,
+        force=node.child("force").texts() if node.has("force") else fresh.force,
+        torque=node.child("torque").texts() if node.has("torque") else fresh.torque,
         on=node.child("on").choice(On, On.ROBOT),
         frame=node.child("frame").choice(Frame, Frame.BODY),
         position=(x, y, z),
         rotation=(w, i, j, k),
+        silence=node.child("silence").choice(Silence, Silence.AUTO),
     )

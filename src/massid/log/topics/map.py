@@ -33,9 +33,20 @@ class On(enum.StrEnum):
     GROUND = "ground"
 
 
+class Silence(enum.StrEnum):
+    """What it means that a contact topic holds no message while the log goes on."""
+
+    AUTO = "auto"
+    """No force if the readings before every silence fade and the sensor never reads zero, else loss."""
+    ZERO = "zero"
+    LOST = "lost"
+
+
 class Rate(enum.StrEnum):
     """The clock of a walk whose topics have clocks of their own."""
 
+    AUTO = "auto"
+    """That of the joint states: base and wrenches that are slower are interpolated, faster ones averaged."""
     SLOWEST = "slowest"
     FASTEST = "fastest"
 
@@ -66,6 +77,14 @@ class Source:
 
 
 @dataclass(frozen=True)
+class TimeColumn:
+    """The column of a table that holds the time of its rows, and its unit [s]."""
+
+    field: str
+    scale: float = 1.0
+
+
+@dataclass(frozen=True)
 class TextField:
     """A name that the messages themselves hold, at this path."""
 
@@ -80,8 +99,8 @@ class BaseMap:
         body: name of the base body, or where the messages of `position` hold it.
         position: origin of the body in the world [m].
         orientation: attitude of the body in the world.
-        linear_velocity: velocity of that origin [m/s].
-        angular_velocity: turn rate of the body [rad/s].
+        linear_velocity: velocity of that origin [m/s]; None if it is to be derived from the positions.
+        angular_velocity: turn rate of the body [rad/s]; None if it is to be derived from the attitudes.
         order: of the attitude's numbers.
         linear_frame: in which frame the linear velocity is expressed.
         angular_frame: in which frame the angular velocity is expressed.
@@ -90,17 +109,17 @@ class BaseMap:
     body: str | TextField
     position: Source
     orientation: Source
-    linear_velocity: Source
-    angular_velocity: Source
+    linear_velocity: Source | None
+    angular_velocity: Source | None
     order: Order = Order.XYZW
     linear_frame: Frame = Frame.BODY
     angular_frame: Frame = Frame.BODY
 
     @property
     def sources(self) -> dict[str, Source]:
-        """Source of each quantity by name."""
+        """Source of each quantity that is logged, by name."""
         names = ("position", "orientation", "linear_velocity", "angular_velocity")
-        return {name: getattr(self, name) for name in names}
+        return {name: source for name in names if (source := getattr(self, name)) is not None}
 
 
 @dataclass(frozen=True)
@@ -117,6 +136,7 @@ class JointMap:
         ignore: patterns of joints of the log that the model does not have.
         locked: by pattern, joints of the model that the log does not show, and where they were held [rad or m].
         passive: patterns of joints without an actuator: their effort is zero whatever the log says.
+        gears: by pattern, what the logged torque of a joint is to be multiplied by, such as the ratio of its gear.
     """
 
     names: tuple[str, ...] | TextField
@@ -127,6 +147,7 @@ class JointMap:
     ignore: tuple[str, ...] = ()
     locked: Mapping[str, float] = field(default_factory=dict)
     passive: tuple[str, ...] = ()
+    gears: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def sources(self) -> dict[str, Source]:
@@ -141,22 +162,24 @@ class ContactMap:
     Attributes:
         topic: name of the topic; `*` stands for anything, as in /contact/*.
         body: name of the body, or where the messages hold it.
-        force: path of the force [N].
-        torque: path of the moment [N m].
+        force: path of the force [N], or of each of its components.
+        torque: path of the moment [N m], or of each of its components.
         on: what the force acts on.
         frame: in which frame the wrench is expressed.
         position: origin of the sensor in the body's frame [m].
         rotation: attitude of the sensor in the body's frame (wxyz).
+        silence: what it means that there is no message for a while.
     """
 
     topic: str = "/contact/*"
     body: str | TextField = TextField("header.frame_id")
-    force: str = "wrench.force"
-    torque: str = "wrench.torque"
+    force: tuple[str, ...] = ("wrench.force",)
+    torque: tuple[str, ...] = ("wrench.torque",)
     on: On = On.ROBOT
     frame: Frame = Frame.BODY
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rotation: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+    silence: Silence = Silence.AUTO
 
     def matches(self, topic: str) -> bool:
         """Tell whether a topic is one of these."""
@@ -190,6 +213,7 @@ class TopicMap:
         clock: where time comes from.
         rate: which topic's rate a walk gets if they differ.
         lag_s: by stream ("joints", "effort", "wrench"), how much later than the base's its samples are stamped [s].
+        time: of a table, the column of time; None for one with a usual name.
         supply: by role, what can supply it on this robot: said when it is missing.
         name: of the preset or file, for messages.
     """
@@ -198,8 +222,9 @@ class TopicMap:
     joints: JointMap | None = field(default_factory=lambda: _joint_states("/joint_states"))
     contacts: tuple[ContactMap, ...] = (ContactMap(),)
     clock: Clock = Clock.AUTO
-    rate: Rate = Rate.SLOWEST
+    rate: Rate = Rate.AUTO
     lag_s: Mapping[str, float] = field(default_factory=dict)
+    time: TimeColumn | None = None
     supply: Mapping[str, str] = field(default_factory=dict)
     name: str = "massid"
 
@@ -210,21 +235,28 @@ class TopicMap:
                 for quantity, source in group.sources.items():
                     yield role, quantity, source
 
-    def contact(self, topic: str) -> ContactMap | None:
-        """Return the contact map that a topic belongs to."""
-        return next((contact for contact in self.contacts if contact.matches(topic)), None)
+    def topics(self) -> tuple[str, ...]:
+        """Every topic that the map names, patterns as they are."""
+        names = [source.topic for _, _, source in self.sources()] + [contact.topic for contact in self.contacts]
+        return tuple(dict.fromkeys(names))
+
+    def contacts_of(self, topic: str) -> dict[str, ContactMap]:
+        """Return the contact maps that a topic belongs to, by a key of their own.
+
+        Those that name the topic go before patterns, and the first pattern before the others.
+        """
+        fitting = [contact for contact in self.contacts if contact.matches(topic)]
+        named = [contact.topic for contact in fitting if contact.topic == topic] or [c.topic for c in fitting[:1]]
+        return {f"wrench {k}": contact for k, contact in enumerate(self.contacts) if contact.topic in named}
 
     def uses(self, topic: str) -> bool:
         """Tell whether a topic plays any role."""
-        return any(source.topic == topic for _, _, source in self.sources()) or self.contact(topic) is not None
+        return any(source.topic == topic for _, _, source in self.sources()) or bool(self.contacts_of(topic))
 
     def fields(self, topic: str) -> dict[str, tuple[str, ...]]:
         """Return the fields that are wanted from a topic, by a key of their own."""
         wanted = {f"{role} {quantity}": s.fields for role, quantity, s in self.sources() if s.topic == topic}
-        contact = self.contact(topic)
-        if contact is not None:
-            wanted["wrench"] = (contact.force, contact.torque)
-        return wanted
+        return wanted | {key: (*c.force, *c.torque) for key, c in self.contacts_of(topic).items()}
 
 
 def contact_topic(prefix: str, body: str, taken: Collection[str]) -> str:

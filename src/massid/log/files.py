@@ -1,15 +1,29 @@
-"""Tell an MCAP file from everything else that a user may name by mistake."""
+"""Tell the kinds of logs from everything else that a user may name by mistake."""
 
 from __future__ import annotations
 
+import enum
 from pathlib import Path
 
 from massid.errors import LogError
 
 MAGIC = b"\x89MCAP0\r\n"
+
+
+class Kind(enum.StrEnum):
+    """What a log is kept in."""
+
+    MCAP = "an MCAP file"
+    SQLITE = "a rosbag2 SQLite file"
+    ROS1 = "a ROS 1 bag"
+    CSV = "a CSV file"
+    NPZ = "a NumPy .npz archive"
+    PARQUET = "a Parquet file"
+
+
+_KINDS = {b"SQLite format 3": Kind.SQLITE, b"#ROSBAG V2.0": Kind.ROS1, b"PAR1": Kind.PARQUET}
+_TEXTS = (".csv", ".tsv")
 _OTHER_FORMATS = {
-    b"SQLite format 3": "a rosbag2 SQLite file; convert it with `ros2 bag convert`",
-    b"#ROSBAG V2.0": "a ROS 1 bag; convert it with `rosbags-convert`",
     b"\x28\xb5\x2f\xfd": "a zstd-compressed file; decompress it first",
     b"\x1f\x8b": "a gzip-compressed file; decompress it first",
     b"PK\x03\x04": "a zip or NumPy .npz archive",
@@ -17,11 +31,11 @@ _OTHER_FORMATS = {
 _LISTED = 8
 
 
-def check_is_mcap(path: Path) -> None:
-    """Pass if `path` is a file that begins as MCAP files do.
+def kind_of(path: Path) -> Kind:
+    """Tell by its beginning what a file is.
 
     Raises:
-        LogError: it does not; the message names what was found instead.
+        LogError: it is no log; the message names what was found instead.
     """
     if path.is_dir():
         raise LogError(f"{path}: is a folder, expected an MCAP file; it has {_mcap_files(path)}.")
@@ -33,7 +47,12 @@ def check_is_mcap(path: Path) -> None:
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}.") from error
     if start.startswith(MAGIC):
-        return
+        return Kind.MCAP
+    for magic, kind in _KINDS.items():
+        if start.startswith(magic):
+            return kind
+    if start.startswith(b"PK\x03\x04") and path.suffix == ".npz":
+        return Kind.NPZ
     if not start:
         raise LogError(f"{path}: is empty, expected an MCAP file.")
     if MAGIC.startswith(start):
@@ -41,6 +60,8 @@ def check_is_mcap(path: Path) -> None:
     for magic, name in _OTHER_FORMATS.items():
         if start.startswith(magic):
             raise LogError(f"{path}: is not MCAP but {name}.")
+    if path.suffix.lower() in _TEXTS:
+        return Kind.CSV
     line = start.decode("latin-1").splitlines()[0]
     shown = f"the text '{line[:40]}'" if line.isprintable() and line else f"the bytes {start[:8].hex(' ')}"
     raise LogError(f"{path}: is not an MCAP file; it begins with {shown}.")
