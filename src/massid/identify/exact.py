@@ -114,7 +114,8 @@ def relative_rest(space: ParameterSpace, estimate: FloatArray, last: LocalQuadra
     """What no masses of the links asked for explain of a log.
 
     What is left of mu is stated as the relative error that a typical one of these masses would have to have to leave as
-    much. Rounding leaves 1e-13; a search that is still far off leaves what the samples show to be curved.
+    much. Rounding leaves 1e-13; a search that is still far off leaves what the samples show to be curved, which is taken
+    off; where they show nothing but that, as with a solver that stops early, masses do not explain the log.
 
     Args:
         space: what is unknown.
@@ -123,6 +124,7 @@ def relative_rest(space: ParameterSpace, estimate: FloatArray, last: LocalQuadra
     """
     change = last.change(estimate - last.centre, space.n_sampled)
     curved = last.misfit * (change / max(last.explained, np.finfo(float).tiny)) ** 2
-    left = max(0.0, last.at(estimate) - MARGIN * curved)
+    is_affine = last.misfit < last.explained
+    left = max(0.0, last.at(estimate) - (MARGIN * curved if is_affine else 0.0))
     effect = 0.5 * np.diagonal(last.curvature) * space.scale**2
     return float(np.sqrt(left / max(float(effect.mean()), np.finfo(float).tiny)))
