@@ -23,7 +23,6 @@ _LEAST = 0.005  # mismatch from which on a convention that leaves hardly any of 
 _BETTER = 0.3  # another convention is suspected if it leaves less than this share of the mismatch
 _SURE = 4.0  # and if that is so all along the walk: deviations of the gain's mean over parts of it
 _PARTS = 12
-_THEN = "(then"
 _FEWEST_SPANS = 5
 _FEWEST_TURNS = 100  # in which a long turn is followed
 _SCALED = 0.05  # mismatch of a joint from which on another scale that takes it away is named
@@ -57,19 +56,18 @@ def check_kinematics(walk: Walk) -> Kinematics:
         return Kinematics(None, None, {}, ())
     position = _mismatch(walk, starts, span, "position")
     attitude = _mismatch(walk, starts, span, "attitude")
-    suspicions = []
-    text = "base attitude and turn rate disagree by"
-    suspicions += _base_suspicions(walk, "attitude", text, _ATTITUDE_TRIALS)
-    text = "base position and velocity disagree by"
-    suspicions += _base_suspicions(walk, "position", text, _POSITION_TRIALS)
+    of_base = [
+        _suspect_base(walk, "attitude", "base attitude and turn rate disagree by", _ATTITUDE_TRIALS),
+        _suspect_base(walk, "position", "base position and velocity disagree by", _POSITION_TRIALS),
+    ]
     joints, scales = _joint_mismatch(walk, starts, span)
-    suspicions += _joint_suspicions(joints, scales)
+    suspicions = [one.text for one in of_base if one is not None] + _joint_suspicions(joints, scales)
     return Kinematics(
         None if position is None else position.share,
         None if attitude is None else attitude.share,
         {name: one.share for name, one in joints.items()},
         tuple(suspicions),
-        misread=any(_THEN in line for line in suspicions),
+        misread=any(one is not None and one.explained for one in of_base),
     )
 
 
@@ -143,7 +141,15 @@ def _turned_on(attitude: FloatArray, rate: FloatArray, starts: IntArray, span: i
     return attitude
 
 
-def _base_suspicions(walk: Walk, what: str, text: str, trials: dict[str, str]) -> list[str]:
+@dataclass(frozen=True)
+class _Suspicion:
+    """What is probably wrong, and whether another convention explains it."""
+
+    text: str
+    explained: bool
+
+
+def _suspect_base(walk: Walk, what: str, text: str, trials: dict[str, str]) -> _Suspicion | None:
     """Try the other conventions; name the one that explains most, or say so if none does and too much is left."""
     others = {reason: _CHANGES[change](walk) for reason, change in trials.items()}
     for span_s in (SPAN_S, *LONG_SPANS_S):
@@ -161,15 +167,17 @@ def _base_suspicions(walk: Walk, what: str, text: str, trials: dict[str, str]) -
         }
         if better:
             best = min(better, key=lambda reason: float(better[reason].squares.mean()))
-            return [f"{text} {given.share:.1%} of the motion: {best} {_THEN} {better[best].share:.1%})."]
+            said = f"{text} {given.share:.1%} of the motion: {best} (then {better[best].share:.1%})."
+            return _Suspicion(said, explained=True)
     starts, span = _spans(walk, SPAN_S)
     given = _mismatch(walk, starts, span, what)
     if given is None or given.share <= MISMATCH:
-        return []
-    return [
+        return None
+    return _Suspicion(
         f"{text} {given.share:.0%} of the motion: no other convention that was tried explains it; check units, frames "
-        "and which body the pose is of."
-    ]
+        "and which body the pose is of.",
+        explained=False,
+    )
 
 
 def _gains_all_along(given: _Mismatch, other: _Mismatch) -> bool:

@@ -114,8 +114,8 @@ def relative_rest(space: ParameterSpace, estimate: FloatArray, last: LocalQuadra
     """What no masses of the links asked for explain of a log.
 
     What is left of mu is stated as the relative error that a typical one of these masses would have to have to leave as
-    much. Rounding leaves 1e-13; a search that is still far off leaves what the samples show to be curved, which is taken
-    off; where they show nothing but that, as with a solver that stops early, masses do not explain the log.
+    much. Rounding leaves 1e-13; a search that is still far off leaves what the samples show to be curved, which is
+    taken off; where they show nothing but that, as with a solver that stops early, masses do not explain the log.
 
     Args:
         space: what is unknown.
