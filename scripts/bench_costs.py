@@ -59,10 +59,10 @@ class Bench:
     """Links to weigh in it; default the usual ones."""
     threads: int = 1
     """Threads of every method."""
-    rounds: int = 2
-    """How often each identification is measured."""
+    rounds: int = 1
+    """How often each identification but CMA-ES is measured, in turns; more on a busy machine."""
     bank_rounds: int = 7
-    """How often each step of the bank is."""
+    """How often each step of the bank is, in turns."""
     sysid: tuple[Literal["chunks", "observer"], ...] = ("chunks",)
     """Forms of mujoco.sysid: rollouts of 50 samples, which err less in noise, or of 0.5 s with our output injection."""
     cma_budget: float = 20.0

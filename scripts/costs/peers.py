@@ -97,7 +97,7 @@ def peers_sheet(rows: list[Row], title: str) -> Sheet:
         title,
         (
             *("log", "method", "error / massid's", "processor / massid's", "memory / massid's"),
-            *("error, kg", "processor, s", "peak, MiB", "note"),
+            *("error, kg", "processor, s", "peak (before it began), MiB", "note"),
         ),
         tuple(_lines(rows)),
     )
@@ -115,7 +115,7 @@ def _lines(rows: list[Row]) -> Iterator[tuple[str, ...]]:
             _ratio(row.peak_mib, reference.peak_mib),
             number(row.error_kg),
             number(row.processor_s),
-            number(row.peak_mib),
+            "-" if row.peak_mib is None else f"{row.peak_mib:.0f} ({row.before_mib:.0f})",
             row.note,
         )
 

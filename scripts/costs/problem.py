@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -50,6 +51,10 @@ class Problem:
     unknowns: tuple[str, ...] = ()
     bank_size: int | None = None
     seconds: float | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what was loaded: other processes load it themselves, and a robot cannot be handed over."""
+        return {one.name: getattr(self, one.name) for one in fields(self)}
 
     @property
     def noisy(self) -> bool:

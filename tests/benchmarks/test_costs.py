@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -120,6 +121,13 @@ def test_a_method_whose_package_is_missing_says_so(monkeypatch: pytest.MonkeyPat
         prepare_cma(_problem(), 1.0)
     with pytest.raises(BadInputError, match=r"mujoco.sysid is not installed: pip install"):
         prepare_sysid(_problem(), observed=False)
+
+
+def test_what_was_loaded_stays_in_its_process() -> None:
+    problem = _problem(seconds=0.6)
+    assert problem.robot.links
+    assert len(problem.walk) == 600
+    assert pickle.loads(pickle.dumps(problem)) == problem
 
 
 def test_errors_are_those_of_the_links_asked_for() -> None:
