@@ -20,7 +20,7 @@ lint: $(STAMP)
 unit: $(STAMP)
 	$(BIN)/pytest -n 2 --dist worksteal
 
-# What massid costs against what one could use instead; BENCH=--quick for two minutes.
+# What massid costs against what one could use instead; BENCH=--quick takes minutes instead of a quarter of an hour.
 bench: $(PEERS)
 	$(BIN)/python scripts/bench_costs.py $(BENCH)
 

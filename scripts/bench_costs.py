@@ -78,7 +78,7 @@ class Bench:
     scaled_banks: tuple[int, ...] = (15, 24, 48)
     """Banks to scale to."""
     quick: bool = False
-    """Less of everything: about two minutes."""
+    """Less of everything: two to three minutes of processor time."""
     json: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Write every number."""
     markdown: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -89,7 +89,7 @@ class Bench:
         if not self.quick:
             return self
         return replace(
-            self, seconds=2.0, rounds=1, bank_rounds=3, cma_budget=5.0, bank_sizes=(8, 24), unknowns=(2, 7, 12),
+            self, seconds=2.0, rounds=1, bank_rounds=3, cma_budget=3.0, bank_sizes=(8, 24), unknowns=(2, 7, 12),
             lengths=(1.0, 2.0, 3.0), scaled_banks=(15, 24),
         )  # fmt: skip
 

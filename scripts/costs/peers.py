@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -63,8 +64,7 @@ def compare(
         for name, prepare in methods.items():
             row = _run(problem, truth, name, prepare)
             tell(f"{row.log}, {name}: {number(row.error_kg)} kg in {number(row.processor_s)} s {row.note}")
-            if name not in best or (row.processor_s or 0.0) < (best[name].processor_s or 0.0):
-                best[name] = row
+            best[name] = min(best.get(name, row), row, key=lambda one: one.processor_s or math.inf)
     ours_s = best[OURS].processor_s
     if budget > 0.0 and ours_s is not None:
         marks_s = (ours_s,) if budget > 1.0 else ()
