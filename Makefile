@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
+PEERS  := $(VENV)/.peers
 
-.PHONY: demo test lint unit clean
+.PHONY: demo test lint unit bench clean
 
 demo: $(STAMP)
 	$(BIN)/massid demo --out demo_out
@@ -18,6 +19,14 @@ lint: $(STAMP)
 
 unit: $(STAMP)
 	$(BIN)/pytest -n 2 --dist worksteal
+
+# What massid costs against what one could use instead; BENCH=--quick takes minutes instead of a quarter of an hour.
+bench: $(PEERS)
+	$(BIN)/python scripts/bench_costs.py $(BENCH)
+
+$(PEERS): $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --group compare
+	touch $@
 
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v < (3, 13) else f"massid needs Python 3.11 or 3.12, but $(PYTHON) is {v[0]}.{v[1]}; try: make PYTHON=python3.12")'
