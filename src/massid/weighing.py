@@ -274,7 +274,7 @@ class Weighing:
             if self.may_replay and result.status is Status.NOT_CONVERGED and not result.stopped:
                 result = self._replayed(result, progress, stop)
         if any(one.audit.misread for one in self.prepared):
-            result = result.denied()
+            result = result.denied(settled_or_not=True)  # of what was read wrongly no search finds the masses
         evidence = Evidence(
             robot=self.robot,
             complete=self.complete,

@@ -37,7 +37,8 @@ def fill_silence(
     values = [signal.values for signal in signals]
     steps = np.diff(stamps)
     period = max(np.median(steps), np.median(np.diff(clock)))
-    gaps = np.flatnonzero(steps > _LEAST_PERIODS * period)
+    runs_on = np.searchsorted(clock, stamps[1:]) - np.searchsorted(clock, stamps[:-1], side="right")
+    gaps = np.flatnonzero((steps > _LEAST_PERIODS * period) & (runs_on >= _LEAST_PERIODS - 1.0))
     starts = [int(stamps[k]) for k in gaps] + [int(stamps[-1])]
     stops = [int(stamps[k + 1]) for k in gaps] + [int(clock[-1] + period)]
     if clock[0] < stamps[0] - _LEAST_PERIODS * period:

@@ -177,10 +177,14 @@ class Result:
         status = Status.NOT_CONVERGED if settled else self.status
         return replace(self, stopped=True, status=status)
 
-    def denied(self) -> Result:
-        """The same, which the log contradicts: settled or not, these are not the robot's masses."""
-        status = Status.CONTRADICTED if self.status is Status.CONVERGED else self.status
-        return replace(self, status=status)
+    def denied(self, *, settled_or_not: bool = False) -> Result:
+        """The same, which the log contradicts: these are not the robot's masses.
+
+        Args:
+            settled_or_not: whether that explains a search that has not converged, too.
+        """
+        denied = self.status is Status.CONVERGED or (settled_or_not and self.status is Status.NOT_CONVERGED)
+        return replace(self, status=Status.CONTRADICTED) if denied and not self.stopped else self
 
     def save_model(self, path: Path, *, with_assets: bool = False) -> None:
         """Save the robot's model with what was found in it; what is not identifiable keeps the model file's value.
