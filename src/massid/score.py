@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 from msgspec.structs import replace
 
@@ -20,6 +20,17 @@ from massid.typing import FloatArray
 _SAME_NOMINAL = 1e-3
 """Share of a nominal mass by which two model files of one robot may differ: MJCF text is rounded."""
 _LISTED = 3
+_EXPECTED = '{"links": {"<body>": {"true_kg": NUMBER}}} with finite numbers as JSON'
+
+
+class _TrueLink(msgspec.Struct, frozen=True):
+    true_kg: float
+    nominal_kg: float | None = None
+
+
+class _TruthFile(msgspec.Struct, frozen=True):
+    links: dict[str, _TrueLink]
+    quantities: dict[str, float] = {}
 
 
 @dataclass(frozen=True)
@@ -47,18 +58,23 @@ class Truth:
                 them, {"quantities": {"<name>": ..}}.
         """
         try:
-            document = json.loads(path.read_text())
-            links = document["links"]
-            masses = {link: _finite(entry["true_kg"]) for link, entry in links.items()}
-            nominal = {link: _finite(entry["nominal_kg"]) for link, entry in links.items() if "nominal_kg" in entry}
-            quantities = {name: _finite(value) for name, value in document.get("quantities", {}).items()}
+            found = msgspec.convert(json.loads(path.read_text()), type=_TruthFile)
         except OSError as error:
             raise BadInputError(f"Truth file {path}: {error.strerror}.") from error
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
-            raise BadInputError(
-                f'Truth file {path} does not hold {{"links": {{"<body>": {{"true_kg": ..}}}}}} as JSON ({error}).'
-            ) from error
-        return cls(masses, quantities, nominal, path.name)
+        except ValueError as error:  # no text, no JSON, or not of this shape (msgspec.ValidationError)
+            raise BadInputError(f"Truth file {path}: {error}; expected {_EXPECTED}.") from error
+        numbers = {f"links.{link}.true_kg": entry.true_kg for link, entry in found.links.items()}
+        numbers |= {f"links.{link}.nominal_kg": entry.nominal_kg or 0.0 for link, entry in found.links.items()}
+        numbers |= {f"quantities.{name}": value for name, value in found.quantities.items()}
+        for where, value in numbers.items():
+            if not math.isfinite(value):
+                raise BadInputError(f"Truth file {path}: {where} is {value} and not finite; expected {_EXPECTED}.")
+        return cls(
+            {link: entry.true_kg for link, entry in found.links.items()},
+            found.quantities,
+            {link: entry.nominal_kg for link, entry in found.links.items() if entry.nominal_kg is not None},
+            path.name,
+        )
 
     def check_robot(self, nominal_kg: Mapping[str, float]) -> tuple[str, ...]:
         """Compare the robot that the truth is about with the one whose masses are asked for.
@@ -132,13 +148,6 @@ def score(result: Result, truth: Truth) -> Score:
         true_quantities={one.name: truth.quantities[one.name] for one in known},
         quantity_errors={one.name: one.estimate - truth.quantities[one.name] for one in known},
     )
-
-
-def _finite(number: Any) -> float:
-    value = float(number)
-    if not math.isfinite(value):
-        raise ValueError(f"{number} is not finite")
-    return value
 
 
 def with_score(document: Document, scored: Score) -> Document:

@@ -24,7 +24,7 @@ from massid.identify.progress import Progress, never, part_of, silent
 from massid.identify.replay import WalkReplay
 from massid.judge.foresee import foresee
 from massid.judge.residuals import channel_residuals
-from massid.judge.validation import hold_out, validate
+from massid.judge.validation import Split, hold_out, validate
 from massid.log import TopicMap, load_topics, read_walk
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import Mass
@@ -200,6 +200,7 @@ class Weighing:
             weighed = prepared[0].robot
             asked = parameter_space(weighed, named_links(weighed, links), unknowns)
             parts = [hold_out(one.walk, held_out) for one in prepared]
+            _require_rest(parts, prepared, held_out, options.dwell_s)
             fitted = prepare_logs(
                 [part.fitted for part in parts], weighed, asked, options, [one.audit.clean for one in prepared]
             )
@@ -304,6 +305,16 @@ class Weighing:
             validation = validate(result, walks, self.held, self.robot)
             residuals = channel_residuals(result, log, self.robot)
         return result.checked(replace(validation, residuals=residuals))
+
+
+def _require_rest(parts: Sequence[Split], prepared: Sequence[Prepared], held_out: float, dwell_s: float) -> None:
+    """Refuse to hold out so much that nothing is left to fit."""
+    for part, whole in zip(parts, prepared, strict=True):
+        if any(True for _ in whole.walk.windows(dwell_s)) and not any(True for _ in part.fitted.windows(dwell_s)):
+            raise BadInputError(
+                f"`held_out` is {held_out}: of {whole.walk.source} {part.fitted.duration_s:.3g} s are left to fit, "
+                f"less than one dwell window of {dwell_s} s; hold less out."
+            )
 
 
 def load_robot(robot: Model | None, walks: Sequence[Walk] = ()) -> Robot:

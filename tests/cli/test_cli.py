@@ -291,7 +291,7 @@ def test_the_truth_of_another_robot_is_warned_of(
     ("text", "message"),
     [
         ('{"links": {"pelvis": {"true_kg": 1.0}}}', "has no link named 'torso'"),
-        (truth_of(math.nan, 1.0), "nan is not finite"),
+        (truth_of(math.nan, 1.0), "is nan and not finite"),
     ],
 )
 def test_a_truth_that_cannot_be_used_is_said_before_the_verdict(

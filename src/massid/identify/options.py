@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 from massid.errors import BadInputError
 from massid.ranges import OptionError, require_not_negative, require_positive
@@ -12,6 +12,8 @@ from massid.search.directions import direction_name
 from massid.search.guided import SearchOptions, enough_models
 from massid.walk.noise import NoisePreset
 
+NoiseChoice: TypeAlias = Literal["auto", "clean", "white", "realistic", "harsh"]
+"""What is known of a log's sensors."""
 USUAL_BANK = 24
 """Models of a bank, unless there are many unknowns."""
 
@@ -46,7 +48,7 @@ class IdentifyOptions:
     damping_ratio: float = 1.0
     forgetting_rate: float = 1.0
     passes: int = 20
-    noise: NoisePreset | Literal["auto"] = "auto"
+    noise: NoiseChoice = "auto"
     other_links: float = 0.02
     link_inertia: float = 0.1
     lag_s: float = 5e-4
