@@ -265,9 +265,9 @@ def _draw_scores(axis: Any, trace: Trace, end_s: float) -> None:
             places.append(x[update] + jitter.uniform(-shift, shift, len(mu)))
             scores.append(mu)
         colour, label = colours.ROLE_COLOURS[role], _ROLE_LABELS[role]
-        axis.scatter(
-            np.concatenate(places), np.concatenate(scores), s=size, color=colour, label=label, zorder=order, lw=0
-        )
+        together = np.concatenate(scores)
+        if len(together):
+            axis.scatter(np.concatenate(places), together, s=size, color=colour, label=label, zorder=order, lw=0)
     axis.set_yscale("log")
     axis.set_ylabel("score μ" if trace.errors_scored is None else "score μ per output error")
     axis.set_title(
@@ -288,7 +288,7 @@ def _draw_forces(axis: Any, motion: Motion, end_s: float) -> None:
     axis.set_xlabel("time in the log [s]")
     axis.set_ylabel("vertical force [kN]")
     axis.set_title("Contact forces")
-    axis.legend(loc="upper right", ncols=2, bbox_to_anchor=(1.0, 1.13), borderaxespad=0.0)
+    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")  # beside it, however long names are
 
 
 _ROLE_LABELS: dict[Role, str] = {
