@@ -28,6 +28,7 @@ NAMED = (
     "friction/r_hip_pitch",
     "damping/l_knee",
     "stiffness/r_ankle",
+    "armature/l_knee",
     "effort_offset/r_knee",
     "effort_gain/l_hip_pitch",
     "encoder_offset/l_knee",

@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 
 from massid.errors import BadInputError
-from massid.model.edit import WRENCH_SITE_PREFIX, keep_actuator_dynamics, make_plain_motor, set_options
+from massid.model.edit import WRENCH_SITE_PREFIX, bare_spec, make_plain_motor
 from massid.model.realisation import write_fields
 from massid.model.robot import Robot
 from massid.observer.bank import RobotBank
@@ -129,18 +129,13 @@ class _Problem:
     @cached_property
     def spec(self) -> mujoco.MjSpec:
         """The robot without contacts, with a motor on every joint and six on every foot."""
-        spec = self.robot.spec.copy()
-        keep_actuator_dynamics(spec)
-        for group in (spec.keys, spec.actuators, spec.sensors, spec.tuples):
-            for element in list(group):
-                spec.delete(element)
+        spec = bare_spec(self.robot.spec)
         for joint in self.robot.joint_names:
             self._add_motor(spec, mujoco.mjtTrn.mjTRN_JOINT, joint, 0)
         for body in self.walk.contact_bodies:
             site = spec.body(body).add_site(name=f"{WRENCH_SITE_PREFIX}{body}")
             for axis in range(6):
                 self._add_motor(spec, mujoco.mjtTrn.mjTRN_SITE, site.name, axis)
-        set_options(spec.option)
         spec.option.timestep = self.walk.timestep_s
         return spec
 

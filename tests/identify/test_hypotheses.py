@@ -68,7 +68,7 @@ def test_torques_that_read_too_much_are_named_and_found(pushed: Pushed) -> None:
     walk = replace(walk, effort=1.1 * walk.effort)
     denied = weigh_offline(walk, pushed.robot, pushed.space, OPTIONS)
     assert denied.status is Status.CONTRADICTED
-    assert any("all torques read" in line and "`unknown effort_scale/all`" in line for line in denied.warnings)
+    assert any("all torques read" in line and "`unknown=effort_scale/all`" in line for line in denied.warnings)
     space = ParameterSpace((*pushed.space.parameters, *EffortScale.ask(pushed.robot, "all")))
     found = weigh_offline(walk, pushed.robot, space, OPTIONS)
     assert found.status is Status.CONVERGED

@@ -12,7 +12,7 @@ from massid.errors import BadInputError
 from massid.model.realisation import write_fields
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import Inertia, InertiaScale, Mass
-from massid.model.unknowns.joints import Damping, FrictionLoss, Stiffness
+from massid.model.unknowns.joints import Armature, Damping, FrictionLoss, Stiffness
 from massid.model.unknowns.lags import Lag
 from massid.model.unknowns.sensors import EffortOffset, EncoderOffset, WrenchOffset
 from massid.model.unknowns.spaces import parameter_space
@@ -62,7 +62,9 @@ def test_a_tangent_is_the_derivative_that_models_show(unknown: Unknown, pushed: 
         return
     # Made of the motion around a sample, so as to share no noise with it: an instrument, not the derivative itself.
     # What shows in angular accelerations alone keeps least of itself in an average, slopes of readings keep most.
-    tolerance = 0.3 if isinstance(unknown, Inertia | InertiaScale) else 0.02 if isinstance(unknown, Lag) else 0.1
+    tolerance = (
+        0.3 if isinstance(unknown, Inertia | InertiaScale | Armature) else 0.02 if isinstance(unknown, Lag) else 0.1
+    )
     assert np.sum(column * expected) == pytest.approx(np.sum(column * column), rel=tolerance)
     if isinstance(unknown, Lag):
         assert np.sum(column * expected) == pytest.approx(np.sum(expected * expected), rel=tolerance)

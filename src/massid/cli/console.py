@@ -16,8 +16,12 @@ from massid.result import Result
 from massid.result.presentation import mass_table, outcome, quantity_table
 from massid.score import Score
 
+UNCUT = 200
+"""Columns of what is written to a file or a pipe, where nothing need be cut off."""
 OUT = Console(highlight=False)
 ERR = Console(stderr=True, highlight=False)
+if not OUT.is_terminal:
+    OUT.width = max(OUT.width, UNCUT)
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ from massid.identify.options import IdentifyOptions
 from massid.search.guided import SearchOptions
 
 _NAMED = re.compile(r"`(?P<name>[a-z][a-z0-9_]*)(?:=(?P<value>[^`\s]+))?`")
-_OF_COMMANDS = ("links", "model", "mode", "held_out", "topics", "unknowns")
+_OF_COMMANDS = ("links", "model", "mode", "held_out", "topics", "unknown", "unknowns")
 
 
 @cache

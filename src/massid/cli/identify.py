@@ -160,7 +160,10 @@ class Identify:
             raise BadInputError(f"--save-model {self.save_model}: only what was read from a URDF is saved as one.")
         if self.copy_assets and self.save_model is None:
             raise BadInputError("--copy-assets goes with --save-model, which was not asked for.")
+        check_suffix("--json", self.json, ".json")
         check_suffix("--rerun", self.rerun, ".rrd")
+        if self.rerun is not None and self.rerun.exists() and not self.rerun.is_file():
+            raise BadInputError(f"--rerun {self.rerun}: Rerun writes to files only.")
         check_suffix("--png", self.png, ".png")
 
     def _unknowns(self) -> list[str]:

@@ -13,7 +13,7 @@ from massid.cli import CONTRADICTED, NOT_IDENTIFIABLE
 from massid.cli.arguments import OptionalFile, OptionalLinks, OptionalModel, OptionalTopics, parse_names, topics_file
 from massid.errors import BadInputError
 from massid.model.unknowns.spaces import mass_space
-from massid.outputs import check_outputs
+from massid.outputs import check_outputs, check_suffix
 
 if TYPE_CHECKING:
     from massid.audit import Audit, Prepared
@@ -68,6 +68,8 @@ class Inspect:
         topics = load_topics(self.topics) if self.topics else TopicMap()
         inputs = [*(("the log", log) for log in self.logs), ("the model (--model)", model), topics_file(self.topics)]
         check_outputs(inputs, [("--html", self.html), ("--json", self.json)])
+        check_suffix("--html", self.html, ".html")
+        check_suffix("--json", self.json, ".json")
         page = Page(f"massid inspect {' '.join(map(str, self.logs))}")
         summaries = [summarise_log(log, topics.time) for log in self.logs]
         made_with = dict(summaries[0].metadata.get("massid", {})).get("model_sha256", "")

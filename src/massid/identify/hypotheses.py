@@ -60,7 +60,7 @@ class Hypothesis:
     @property
     def _cure(self) -> str:
         kind, _, target = self.name.partition("/")
-        return f"name {target} in `links`." if kind == Mass.kind else f"ask for it, `unknown {self.name}`."
+        return f"name {target} in `links`." if kind == Mass.kind else f"ask for it, `unknown={self.name}`."
 
 
 def hypotheses(

@@ -12,6 +12,7 @@ from massid.identify.options import IdentifyOptions
 from massid.model.draft import Draft
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import InertiaScale, Mass
+from massid.model.unknowns.joints import Armature, typical_armature
 from massid.model.unknowns.lags import EffortLag, WrenchLag
 from massid.model.unknowns.sensors import (
     FORCE_AXES,
@@ -161,6 +162,9 @@ def nuisances(
     if options.link_inertia > 0.0:
         scaled = [link for link in links if asked[link].keeps_shape]
         found += [InertiaScale(link, **nuisance(options.link_inertia)) for link in scaled]
+    if not robot.model.dof_armature.any():  # a file that says nothing of rotors, as every URDF
+        std = typical_armature(robot)
+        found += [Armature(joint, **(nuisance(std) | {"lower": 0.0})) for joint in robot.joint_names]
     if options.other_links > 0.0:
         for link in robot.links:
             if link not in links:

@@ -52,7 +52,7 @@ def with_suitable_steps(
         return suited, ()
     return suited, (
         f"{walk.source}: models that take steps of {walk.timestep_s / steps:.3g} s explain the readings better than "
-        f"with the {walk.timestep_s / own:.3g} s that the model file asks for (at the file's masses they leave "
+        f"those of {walk.timestep_s / own:.3g} s, nearest to the model file's (at the file's masses they leave "
         f"{least:.3g} instead of {first:.3g} times what noise explains), and take them.",
     )
 

@@ -115,9 +115,18 @@ class Robot:
             ModelError: a mesh or a texture cannot be read.
         """
         try:
-            return self.spec.copy().compile()
+            return self.seen.copy().compile()
         except ValueError as error:
             raise ModelError(f"{self.source}: MuJoCo cannot compile it: {one_line(error)}") from error
+
+    @cached_property
+    def seen(self) -> mujoco.MjSpec:
+        """The robot with all that is seen of it; shapes whose files cannot be read are left out."""
+        try:
+            self.spec.copy().compile()
+        except ValueError:
+            return without_lost_meshes(self.spec, self.source)[0]
+        return self.spec
 
     @cached_property
     def _bare(self) -> mujoco.MjSpec:

@@ -90,6 +90,10 @@ def read_urdf(content: bytes, path: Path) -> tuple[mujoco.MjSpec, tuple[str, ...
         if not body.explicitinertial:  # nothing of it follows from shapes in a URDF
             for geom in body.geoms:
                 geom.density, geom.mass = 0.0, 0.0
+    notes.append(
+        "a URDF says nothing of rotor inertias: in a log with noise they are estimated beside the masses, in one "
+        "without ask for them joint by joint, `unknown=armature/JOINT`."
+    )
     return spec, tuple(notes)
 
 

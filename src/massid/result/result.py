@@ -183,7 +183,7 @@ class Result:
         Args:
             settled_or_not: whether that explains a search that has not converged, too.
         """
-        denied = self.status is Status.CONVERGED or (settled_or_not and self.status is Status.NOT_CONVERGED)
+        denied = settled_or_not or self.status is Status.CONVERGED
         return replace(self, status=Status.CONTRADICTED) if denied and not self.stopped else self
 
     def save_model(self, path: Path, *, with_assets: bool = False) -> None:
@@ -234,7 +234,8 @@ class Result:
         hidden |= set(verdict.hidden_others)
         seen = [name not in hidden for name in self.space.names]
         excitation = replace(self.excitation, identifiable=self.excitation.identifiable & np.array(seen))
-        status = self.status if excitation.identifiable.all() else Status.NOT_IDENTIFIABLE
+        kept = excitation.identifiable.all() or self.status is Status.CONTRADICTED
+        status = self.status if kept else Status.NOT_IDENTIFIABLE
         quantities = tuple(quantity.without(hidden) for quantity in self.quantities)
         result = replace(self, verdict=verdict, excitation=excitation, status=status, quantities=quantities)
         sums = (result.known_sum(one) for one in verdict.sums)

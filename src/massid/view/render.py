@@ -85,7 +85,7 @@ def _render(robot: Robot, shots: Sequence[Shot], height_m: float, width: int, he
 
 def _stage(robot: Robot, width: int, height: int) -> mujoco.MjModel:
     """The robot on a white floor in a white room."""
-    spec = robot.spec.copy()
+    spec = robot.seen.copy()
     spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
     spec.visual.quality.shadowsize = 4096
     spec.visual.map.shadowclip = 3.0  # a tighter shadow map speckles the floor

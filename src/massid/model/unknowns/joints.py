@@ -25,6 +25,8 @@ TYPICAL_SPEED = 1.0
 """A typical damping makes that torque at this joint speed [rad/s]."""
 TYPICAL_ANGLE = 0.3
 """A typical spring makes that torque at this distance from its reference [rad]."""
+ARMATURE_PER_KG = 0.02 / 35.0
+"""Typical rotor inertia, for the robot's mass [m^2]; those of G1, T1 and H1 are 0.003 to 0.1 kg m^2."""
 REACH = 30.0
 """Theta ends at so many typical values above the model file's."""
 
@@ -97,6 +99,46 @@ class Damping(JointUnknown):
     def effect(self, motion: Motion, channels: Channels) -> Effect:
         """A torque against the velocity."""
         return Effect.on_joint(channels, self.joint, -motion.velocity[:, channels.dof(self.joint)])
+
+
+@dataclass(frozen=True)
+class Armature(Unknown):
+    """Rotor inertia of a joint's drive, as seen at the joint; a URDF has none, and many a model file neither."""
+
+    kind = "armature"
+    title = "rotor inertias"
+    unit = "kg m^2"
+
+    joint: str
+
+    @classmethod
+    def ask(cls, robot: Robot, target: str) -> Sequence[Armature]:
+        """Of one joint, from zero up.
+
+        Raises:
+            ModelError: no such joint.
+        """
+        robot.require_joint(target)
+        nominal = float(robot.model.dof_armature[robot.model.joint(target).dofadr[0]])
+        scale = max(nominal, typical_armature(robot))
+        return (cls(target, nominal=nominal, lower=0.0, upper=nominal + REACH * scale, scale=scale),)
+
+    def write(self, draft: Draft, values: FloatArray) -> None:
+        """Into the joint."""
+        draft.field("dof_armature")[:, draft.channels.dof(self.joint)] = values
+
+    def write_spec(self, spec: mujoco.MjSpec, value: float) -> None:
+        """As the joint's own."""
+        spec.joint(self.joint).armature = value
+
+    def effect(self, motion: Motion, channels: Channels) -> Effect:
+        """The torque that it takes to turn the rotor."""
+        return Effect.on_joint(channels, self.joint, -motion.acceleration[:, channels.dof(self.joint)])
+
+
+def typical_armature(robot: Robot) -> float:
+    """Of a joint of a robot of that weight [kg m^2]: 0.02 in one of 35 kg."""
+    return ARMATURE_PER_KG * robot.total_mass_kg
 
 
 @dataclass(frozen=True)
