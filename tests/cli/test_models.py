@@ -75,7 +75,8 @@ def test_a_urdf_is_weighed_by_default_links_and_saved_as_a_urdf(
     assert code == 0, told.err
     assert f"links: {', '.join(LINKS)} (--links names others)" in told.out
     assert told.out.index("links: ") < told.out.index("verdict: ")
-    (warning,) = [line for line in told.err.splitlines() if "warning" in line]
+    warning, of_rotors = [line for line in told.err.splitlines() if "warning" in line]
+    assert "--unknown armature/JOINT" in of_rotors
     assert "link 'hull' floats instead of being fixed" in warning
     assert "<!-- made by hand -->" in saved.read_text()
     weighed = Robot.load(saved)

@@ -61,7 +61,7 @@ def test_a_file_with_longer_steps_than_the_log_was_made_with_is_not(every: int, 
     assert steps is not None
     assert 1 < steps <= every
     assert len(notes) == 1
-    assert f"explain the readings better than with the {every * SIMULATED_S:g} s that the model file" in notes[0]
+    assert f"explain the readings better than those of {every * SIMULATED_S:g} s, nearest to the model file" in notes[0]
 
 
 def test_a_walk_of_a_moment_keeps_the_steps_of_its_file(simulated: Walk) -> None:
