@@ -40,6 +40,9 @@ def contents(folder: Path) -> dict[str, str]:
         ("identify walk.mcap --save-model walk.mcap", "walk.mcap is the log itself; give --save-model another name"),
         ("identify walk.mcap --json ./folder/../walk.mcap", "is the log itself; give --json another name"),
         ("identify walk.mcap --json link.json", "link.json is the log itself; give --json another name"),
+        ("identify walk.mcap --json other.mcap", "--json other.mcap: expected a name that ends in .json"),
+        ("inspect walk.mcap --json other.mcap", "--json other.mcap: expected a name that ends in .json"),
+        ("identify walk.mcap --rerun /dev/null", "--rerun /dev/null: Rerun writes to files only"),
         ("identify walk.mcap --rerun walk.mcap", "is the log itself; give --rerun another name"),
         ("identify result.json walk.mcap --png walk.mcap", "is the log itself; give --png another name"),
         (

@@ -8,6 +8,8 @@ import numpy as np
 
 from massid.identify import IdentifyOptions
 from massid.identify.sensing import estimate_white_noise, nuisances
+from massid.model.robot import Robot
+from massid.model.unknowns.joints import Armature
 from massid.model.unknowns.sensors import WrenchOffset
 from massid.typing import FloatArray
 from massid.walk import Walk
@@ -55,3 +57,16 @@ def test_force_sensors_that_read_plain_zero_have_no_offset(pushed: Pushed) -> No
     offsets = [p for p in found if isinstance(p, WrenchOffset)]
     assert len(offsets) == 6
     assert all(p.nominal == 0.0 and p.prior_std is not None and p.prior_std < 0.01 for p in offsets)
+
+
+def test_rotors_are_unknown_where_the_model_file_has_none(pushed: Pushed) -> None:
+    def armatures(robot: Robot) -> list[str]:
+        found = nuisances(robot, pushed.walk, pushed.space, WHITE, OPTIONS)
+        return [one.target for one in found if isinstance(one, Armature)]
+
+    bare, geared = pushed.robot.spec.copy(), pushed.robot.spec.copy()
+    for joint in bare.joints:
+        joint.armature = 0.0
+    geared.joint("l_knee").armature = 0.01
+    assert armatures(Robot(bare)) == list(pushed.robot.joint_names)
+    assert armatures(Robot(geared)) == []
