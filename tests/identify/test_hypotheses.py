@@ -54,6 +54,14 @@ def test_it_foretells_what_a_fit_without_that_prior_finds(gains: FloatArray) -> 
     assert first.gain == pytest.approx(before - after)
 
 
+def test_what_would_take_an_error_that_no_sensor_has_is_not_advised() -> None:
+    rows, read = _log(np.array([0.0, 0.0, -1.0, 0.0, 0.0, 0.0]), np.random.default_rng(1))
+    estimate, covariance, _ = _fit(rows, read, np.diag(SPACE.prior_precision))
+    first = hypotheses(SPACE, estimate, covariance)[0]
+    assert not first.believable
+    assert first.text(SPACE).startswith("no error that can be explains the log (effort_gain/joint2 is -0.99")
+
+
 def test_errors_as_large_as_believed_are_no_hypothesis() -> None:
     rng = np.random.default_rng(2)
     for _ in range(50):

@@ -323,4 +323,4 @@ def _reason(robot: Robot, worst: list[str]) -> str:
         "contact between the robot's own links"
     )
     early = stopped_early(model)
-    return checked if early is None else f"{early}; else {checked}"
+    return checked if early is None else f"{checked}; or {early}"

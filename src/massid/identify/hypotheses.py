@@ -26,6 +26,8 @@ from massid.typing import FloatArray
 
 SURE = 30.0
 """By how much -2 log L must fall, times what windows scatter more than noise explains: 5.5 standard deviations."""
+BELIEVABLE = 30.0
+"""Prior deviations beyond which no sensor is off: then something else is, and a single error cannot say what."""
 _LEAST_SHARE = 1e-3
 """Of D in d^T P d: below it the log tells nothing that the prior does not."""
 
@@ -39,15 +41,22 @@ class Hypothesis:
         said: what it is.
         gain: by how much -2 log L would fall.
         change: what it would do to everything that was estimated, shape (n_p,).
+        believable: whether an error can be that large.
     """
 
     name: str
     said: str
     gain: float
     change: FloatArray
+    believable: bool = True
 
     def text(self, space: ParameterSpace) -> str:
         """In one line: what, how surely, what it does to what was asked for, and the setting that cures it."""
+        if not self.believable:
+            return (
+                f"no error that can be explains the log ({self.said} would do best): forces that were not measured, a "
+                "rate too low for what moves, or the model itself are wrong."
+            )
         asked = self.change[: space.n_sampled] / space.scale[: space.n_sampled]
         worst = int(np.argmax(np.abs(asked)))
         parameter = space.parameters[worst]
@@ -86,7 +95,9 @@ def hypotheses(
         change = size * (covariance @ pull)
         value = float(direction @ (estimate + change)) / float(direction.sum())
         if size**2 * known > SURE * inflation:
-            found.append(Hypothesis(name, words(value), size**2 * known, change))
+            typical = float(np.sqrt(direction.sum() / stiffness))
+            believable = abs(value - float(direction @ space.nominal) / float(direction.sum())) < BELIEVABLE * typical
+            found.append(Hypothesis(name, words(value), size**2 * known, change, believable))
     return tuple(sorted(found, key=lambda one: -one.gain))
 
 
