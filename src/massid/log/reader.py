@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 import math
+import sys
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -48,8 +50,13 @@ def read_walk(path: Path | str, topics: TopicMap | None = None) -> Walk:
         LogError: the file is no log; a role has no topic; names and arrays of the joints do not match;
             no sample is finite; no stretch of time is covered by all roles.
     """
-    path = Path(path)
-    reader = _Reader(str(path), topics or TopicMap())
+    walk = _read(Path(path), topics or TopicMap())
+    _give_back()
+    return walk
+
+
+def _read(path: Path, topics: TopicMap) -> Walk:
+    reader = _Reader(str(path), topics)
     kind = None if path.is_dir() else kind_of(path)
     if kind in TABLES:
         return reader.walk(reader.take_table(read_table(path, kind)))
@@ -61,6 +68,17 @@ def read_walk(path: Path | str, topics: TopicMap | None = None) -> Walk:
         if damage:
             raise LogError(f"{error} The file is damaged: {damage[0]}") from error
         raise
+
+
+def _give_back() -> None:
+    """Hand back to the system what decoding has freed: of ten minutes of a robot that is half of what was taken.
+
+    The GNU C library keeps it, for it lies in pieces between what is still in use; other libraries have no such call.
+    """
+    if sys.platform == "linux":
+        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        if trim is not None:
+            trim(0)
 
 
 class _Reader:
