@@ -107,26 +107,30 @@ class Robot:
         spec, file = read_model(Path(source))
         return cls(spec, Path(source).name, file)
 
-    @cached_property
+    @property
     def drawn(self) -> mujoco.MjModel:
         """The compiled model with all that is seen; it may hold hundreds of megabytes of meshes and textures.
 
         Raises:
-            ModelError: a mesh or a texture cannot be read.
+            ModelError: it does not compile.
         """
-        try:
-            return self.seen.copy().compile()
-        except ValueError as error:
-            raise ModelError(f"{self.source}: MuJoCo cannot compile it: {one_line(error)}") from error
+        return self._drawn[1]
+
+    @property
+    def seen(self) -> mujoco.MjSpec:
+        """What it is compiled from: shapes whose files cannot be read are left out."""
+        return self._drawn[0]
 
     @cached_property
-    def seen(self) -> mujoco.MjSpec:
-        """The robot with all that is seen of it; shapes whose files cannot be read are left out."""
+    def _drawn(self) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
         try:
-            self.spec.copy().compile()
+            return self.spec, self.spec.copy().compile()
         except ValueError:
-            return without_lost_meshes(self.spec, self.source)[0]
-        return self.spec
+            spec, _ = without_lost_meshes(self.spec, self.source)
+        try:
+            return spec, spec.copy().compile()
+        except ValueError as error:
+            raise ModelError(f"{self.source}: MuJoCo cannot compile it: {one_line(error)}") from error
 
     @cached_property
     def _bare(self) -> mujoco.MjSpec:
