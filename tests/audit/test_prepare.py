@@ -17,6 +17,7 @@ from massid.identify.sensing import read_noise
 from massid.log import WalkWriter
 from massid.model.robot import Robot
 from massid.walk import Segment, Walk
+from massid.walk.conventions import to_world
 from massid.walk.noise import PRESETS, Sensors
 from massid.walk.refine import refined
 from massid.weighing import weigh
@@ -145,3 +146,17 @@ def test_positions_in_degrees_are_suspected_even_if_velocities_agree(pushed: Pus
     qpos[:, 7:] = np.degrees(qpos[:, 7:])
     (line,) = limit_suspicions(robot, replace(pushed.walk, qpos=qpos))
     assert re.search(r"l_knee .* \(the model allows -2 \.\. 0\.1\).*degrees", line)
+
+
+def test_the_pose_may_be_that_of_a_body_that_moves_with_the_base(pushed: Pushed) -> None:
+    spec = pushed.robot.spec.copy()
+    spec.body(pushed.robot.root_body).add_body(name="mount", pos=[0.1, 0.0, 0.2])
+    robot = Robot(spec)
+    position = to_world(pushed.walk.qpos[:, 3:7], np.tile([0.1, 0.0, 0.2], (len(pushed.walk), 1)))
+    spin = np.cross(pushed.walk.qvel[:, 3:6], [0.1, 0.0, 0.2])
+    qpos, qvel = pushed.walk.qpos.copy(), pushed.walk.qvel.copy()
+    qpos[:, :3] += position
+    qvel[:, :3] += to_world(qpos[:, 3:7], spin)
+    ready = prepare_walk(replace(pushed.walk, root_body="mount", qpos=qpos, qvel=qvel), robot).walk
+    assert ready.root_body == robot.root_body
+    np.testing.assert_allclose(ready.qpos, pushed.walk.qpos, atol=1e-12)

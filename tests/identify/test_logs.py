@@ -27,17 +27,7 @@ NOISY = IdentifyOptions(dwell_s=0.1, noise="realistic", passes=4)
 
 
 def _part(walk: Walk, start: int, stop: int, source: str) -> Walk:
-    rows = slice(start, stop)
-    return replace(
-        walk,
-        stamps_ns=walk.stamps_ns[rows],
-        qpos=walk.qpos[rows],
-        qvel=walk.qvel[rows],
-        effort=walk.effort[rows],
-        wrench=walk.wrench[rows],
-        segments=(Segment(0, stop - start),),
-        source=source,
-    )
+    return replace(walk.between(start, stop), source=source)
 
 
 def _measured(walk: Walk, seed: int) -> Walk:

@@ -5,33 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 
-from massid.errors import LogError, unknown_name
 from massid.model.robot import Robot
 from massid.walk import Walk
-
-
-def check_names(walk: Walk, robot: Robot) -> None:
-    """Pass if a log is of the robot's base, and of wrenches on its bodies.
-
-    Args:
-        walk: as read, without a prefix.
-        robot: whose bodies are meant.
-
-    Raises:
-        LogError: it is not; names the settings that say which body is meant.
-    """
-    if walk.root_body != robot.root_body:
-        raise LogError(
-            f"{walk.source}: the base pose is that of '{walk.root_body}', but the floating base of {robot.source} is "
-            f"'{robot.root_body}'. If they are one body, `base: {{body: {robot.root_body}}}` in a topic map says so."
-        )
-    bodies = [robot.model.body(b).name for b in range(1, robot.model.nbody)]
-    for name in walk.contact_bodies:
-        if name not in bodies:
-            raise LogError(
-                f"{unknown_name('body', name, bodies, robot.source)} {walk.source} has its wrench; `body` under "
-                "contacts in a topic map says which body it acts on."
-            )
 
 
 def without_prefix(walk: Walk, robot: Robot) -> Walk:

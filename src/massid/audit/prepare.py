@@ -13,7 +13,7 @@ from massid.audit.balance import measure_balance
 from massid.audit.forces import check_rest, check_torques
 from massid.audit.inner_steps import FACTOR, with_inner_steps
 from massid.audit.lag import Lag, estimate_lag, lag_margin
-from massid.audit.names import check_names, without_prefix
+from massid.audit.names import without_prefix
 from massid.audit.report import CLEAN_REST, Audit, audit_walk
 from massid.errors import BadInputError, LogError
 from massid.log import TopicMap, read_walk
@@ -71,7 +71,7 @@ def prepare_walk(
     if walk is None:
         walk = source if isinstance(source, Walk) else read_walk(source, topics)
     walk = without_prefix(walk, robot)
-    check_names(walk, robot)
+    robot.require_bodies(walk)
     robot = robot.locked(_locked(robot, walk, topics))
     check_torques(robot, walk, _passive(walk, topics))
     robot, taken_off, notes = _gravity_compensation(robot, walk)

@@ -327,17 +327,9 @@ class Robot:
         Raises:
             LogError: another root body, a missing joint, or a contact body that the model does not have.
         """
-        if walk.root_body != self.root_body and self._moves_with_base(walk.root_body):
-            walk = moved_to_root(walk, self.model, self.root_body)
+        self.require_bodies(walk)
         if walk.root_body != self.root_body:
-            raise LogError(
-                f"{walk.source}: the base pose is that of '{walk.root_body}', but the floating base of {self.source} "
-                f"is '{self.root_body}'."
-            )
-        bodies = [self.model.body(b).name for b in range(1, self.model.nbody)]
-        for name in walk.contact_bodies:
-            if name not in bodies:
-                raise LogError(f"{unknown_name('body', name, bodies, self.source)} {walk.source} has its wrench.")
+            walk = moved_to_root(walk, self.model, self.root_body)
         for name in walk.joint_names:
             if name not in self.joint_names:
                 raise LogError(
@@ -356,6 +348,26 @@ class Robot:
         qpos = self.layout.to_qpos(walk.qpos)
         wrench = wrenches_in_bodies(self.model, qpos, walk.wrench, walk.contact_bodies, walk.world_wrenches)
         return replace(walk, wrench=wrench, world_wrenches=())
+
+    def require_bodies(self, walk: Walk) -> None:
+        """Pass if a log is of the robot's base, or of what moves with it, and of wrenches on its bodies.
+
+        Raises:
+            LogError: it is not; names the settings that say which body is meant.
+        """
+        if walk.root_body != self.root_body and not self._moves_with_base(walk.root_body):
+            raise LogError(
+                f"{walk.source}: the base pose is that of '{walk.root_body}', but the floating base of {self.source} "
+                f"is '{self.root_body}'. If they are one body, `base: {{body: {self.root_body}}}` in a topic map says "
+                "so."
+            )
+        bodies = [self.model.body(b).name for b in range(1, self.model.nbody)]
+        for name in walk.contact_bodies:
+            if name not in bodies:
+                raise LogError(
+                    f"{unknown_name('body', name, bodies, self.source)} {walk.source} has its wrench; `body` under "
+                    "contacts in a topic map says which body it acts on."
+                )
 
     def _moves_with_base(self, name: str) -> bool:
         model = self.model
