@@ -54,11 +54,12 @@ def check_kinematics(walk: Walk) -> Kinematics:
     starts, span = _spans(walk, SPAN_S)
     if not len(starts):
         return Kinematics(None, None, {}, ())
-    position = _mismatch(walk, starts, span, "position")
-    attitude = _mismatch(walk, starts, span, "attitude")
+    base = _Base.of(walk)
+    position = _mismatch(base, starts, span, "position")
+    attitude = _mismatch(base, starts, span, "attitude")
     of_base = [
-        _suspect_base(walk, "attitude", "base attitude and turn rate disagree by", _ATTITUDE_TRIALS),
-        _suspect_base(walk, "position", "base position and velocity disagree by", _POSITION_TRIALS),
+        _suspect_base(walk, base, "attitude", "base attitude and turn rate disagree by", _ATTITUDE_TRIALS),
+        _suspect_base(walk, base, "position", "base position and velocity disagree by", _POSITION_TRIALS),
     ]
     joints, scales = _joint_mismatch(walk, starts, span)
     suspicions = [one.text for one in of_base if one is not None] + _joint_suspicions(joints, scales)
@@ -113,19 +114,47 @@ def _left(moved: FloatArray, expected: FloatArray, least: float, noise: float) -
     return _Mismatch(float(np.sqrt(max(0.0, rest))) / max(size, wanted), squares)
 
 
-def _mismatch(walk: Walk, starts: IntArray, span: int, what: str) -> _Mismatch | None:
+@dataclass(frozen=True)
+class _Base:
+    """Motion of the base alone, which is little to hold in several conventions.
+
+    Attributes:
+        position: of the base [m], shape (n, 3).
+        attitude: unit quaternions wxyz, shape (n, 4).
+        linear: velocity in the world [m/s], shape (n, 3).
+        angular: turn rate in the body [rad/s], shape (n, 3).
+        step_s: sample period [s].
+    """
+
+    position: FloatArray
+    attitude: FloatArray
+    linear: FloatArray
+    angular: FloatArray
+    step_s: float
+
+    @classmethod
+    def of(cls, walk: Walk) -> _Base:
+        return cls(walk.qpos[:, :3], walk.qpos[:, 3:7], walk.qvel[:, :3], walk.qvel[:, 3:6], walk.timestep_s)
+
+    def reordered(self, order: list[int]) -> _Base:
+        """With the attitude's four numbers in another order; the velocity was turned by the attitude as it was read."""
+        attitude = self.attitude[:, order]
+        return replace(self, attitude=attitude, linear=to_world(attitude, to_body(self.attitude, self.linear)))
+
+
+def _mismatch(base: _Base, starts: IntArray, span: int, what: str) -> _Mismatch | None:
     """What the base's velocity leaves of the moves of its position, or its turn rate of those of its attitude."""
     if what == "position":
-        p = walk.qpos[:, :3]
+        p = base.position
         moved = p[starts + span] - p[starts]
-        expected = _integral(moved, walk.qvel[:, :3], starts, span, walk.timestep_s)
+        expected = _integral(moved, base.linear, starts, span, base.step_s)
         return _left(moved, expected, _LEAST_MOVE[what], white_level(p))
-    q = walk.qpos[:, 3:7]
+    q = base.attitude
     turned = rotation_between(q[starts], q[starts + span])
-    if span * walk.timestep_s > 2.0 * SPAN_S:  # such turns do not add up as vectors
-        spun = rotation_between(q[starts], _turned_on(q[starts], walk.qvel[:, 3:6], starts, span, walk.timestep_s))
+    if span * base.step_s > 2.0 * SPAN_S:  # such turns do not add up as vectors
+        spun = rotation_between(q[starts], _turned_on(q[starts], base.angular, starts, span, base.step_s))
     else:
-        spun = _integral(turned, walk.qvel[:, 3:6], starts, span, walk.timestep_s)
+        spun = _integral(turned, base.angular, starts, span, base.step_s)
     noise = white_level(rotation_between(q[:-1], q[1:]), already_differenced=1)
     return _left(turned, spun, _LEAST_MOVE[what], noise)
 
@@ -149,14 +178,14 @@ class _Suspicion:
     explained: bool
 
 
-def _suspect_base(walk: Walk, what: str, text: str, trials: dict[str, str]) -> _Suspicion | None:
+def _suspect_base(walk: Walk, base: _Base, what: str, text: str, trials: dict[str, str]) -> _Suspicion | None:
     """Try the other conventions; name the one that explains most, or say so if none does and too much is left."""
-    others = {reason: _CHANGES[change](walk) for reason, change in trials.items()}
+    others = {reason: _CHANGES[change](base) for reason, change in trials.items()}
     for span_s in (SPAN_S, *LONG_SPANS_S):
         starts, span = _spans(walk, span_s)
         if len(starts) < _FEWEST_SPANS:
             continue
-        given = _mismatch(walk, starts, span, what)
+        given = _mismatch(base, starts, span, what)
         if given is None or given.share < _LEAST:
             continue
         left = {reason: _mismatch(other, starts, span, what) for reason, other in others.items()}
@@ -170,7 +199,7 @@ def _suspect_base(walk: Walk, what: str, text: str, trials: dict[str, str]) -> _
             said = f"{text} {given.share:.1%} of the motion: {best} (then {better[best].share:.1%})."
             return _Suspicion(said, explained=True)
     starts, span = _spans(walk, SPAN_S)
-    given = _mismatch(walk, starts, span, what)
+    given = _mismatch(base, starts, span, what)
     if given is None or given.share <= MISMATCH:
         return None
     return _Suspicion(
@@ -188,35 +217,14 @@ def _gains_all_along(given: _Mismatch, other: _Mismatch) -> bool:
     return bool(gains.mean() > min(_SURE * deviation, 0.5 * given.squares.mean()))
 
 
-def _reordered(walk: Walk, order: list[int]) -> Walk:
-    qpos, qvel = walk.qpos.copy(), walk.qvel.copy()
-    in_body = to_body(walk.qpos[:, 3:7], walk.qvel[:, :3])
-    qpos[:, 3:7] = walk.qpos[:, 3:7][:, order]
-    qvel[:, :3] = to_world(qpos[:, 3:7], in_body)
-    return replace(walk, qpos=qpos, qvel=qvel)
-
-
-def _conjugated(walk: Walk) -> Walk:
-    qpos = walk.qpos.copy()
-    qpos[:, 4:7] *= -1.0
-    return replace(walk, qpos=qpos)
-
-
-def _turned(walk: Walk, columns: slice, forward: bool) -> Walk:
-    qvel = walk.qvel.copy()
-    turn = to_world if forward else to_body
-    qvel[:, columns] = turn(walk.qpos[:, 3:7], walk.qvel[:, columns])
-    return replace(walk, qvel=qvel)
-
-
-_CHANGES: dict[str, Callable[[Walk], Walk]] = {
-    "was wxyz": lambda walk: _reordered(walk, [1, 2, 3, 0]),  # read as xyzw, x stands where w should
-    "was xyzw": lambda walk: _reordered(walk, [3, 0, 1, 2]),
-    "inverse": _conjugated,
-    "linear was world": lambda walk: _turned(walk, slice(0, 3), forward=False),
-    "linear was body": lambda walk: _turned(walk, slice(0, 3), forward=True),
-    "angular was world": lambda walk: _turned(walk, slice(3, 6), forward=False),
-    "angular was body": lambda walk: _turned(walk, slice(3, 6), forward=True),
+_CHANGES: dict[str, Callable[[_Base], _Base]] = {
+    "was wxyz": lambda base: base.reordered([1, 2, 3, 0]),  # read as xyzw, x stands where w should
+    "was xyzw": lambda base: base.reordered([3, 0, 1, 2]),
+    "inverse": lambda base: replace(base, attitude=base.attitude * (1.0, -1.0, -1.0, -1.0)),
+    "linear was world": lambda base: replace(base, linear=to_body(base.attitude, base.linear)),
+    "linear was body": lambda base: replace(base, linear=to_world(base.attitude, base.linear)),
+    "angular was world": lambda base: replace(base, angular=to_body(base.attitude, base.angular)),
+    "angular was body": lambda base: replace(base, angular=to_world(base.attitude, base.angular)),
 }
 _ATTITUDE_TRIALS = {
     "the attitude looks as if it were stored as wxyz (orientation: order: wxyz)": "was wxyz",

@@ -121,6 +121,7 @@ class _Reader:
         contacts = {
             name: read_contact(layout, key, columns, lag_s) for name, (key, layout, columns) in wrenches.items()
         }
+        _give_back()
         alignment = self.align(base, joints, contacts.values())
         signals = [*base.signals, *joints.signals, *(contact.signal for contact in contacts.values())]
         for columns in {id(signal.columns): signal.columns for signal in signals}.values():
@@ -128,13 +129,13 @@ class _Reader:
         self.warnings += alignment.warnings
         metadata = dict(contents.metadata.get(METADATA_NAME, {}))
         self.check_metadata(metadata, alignment)
-        position, velocity = joints.states(alignment)
-        state = base.on(alignment, ends_with_velocity=_ends_with_velocity(joints, alignment))
-        qpos, qvel = np.hstack([state[:, :7], position]), np.hstack([state[:, 7:], velocity])
-        effort = joints.torques(alignment)
-        wrench = np.empty((len(qpos), len(contacts), 6))
+        wrench = np.empty((len(alignment.stamps_ns), len(contacts), 6))
         for column, contact in enumerate(contacts.values()):
             wrench[:, column] = contact.signal.on(alignment)
+        effort = joints.torques(alignment)
+        state = base.on(alignment, ends_with_velocity=_ends_with_velocity(joints, alignment))
+        position, velocity = joints.states(alignment)
+        qpos, qvel = np.hstack([state[:, :7], position]), np.hstack([state[:, 7:], velocity])
         return Walk(
             root_body=body,
             joint_names=joints.names,

@@ -27,12 +27,18 @@ def white_level(signal: FloatArray, already_differenced: int = 0) -> float:
         signal: shape (n, channels).
         already_differenced: how often it was differenced before.
     """
-    differences = np.diff(signal, n=3 - already_differenced, axis=0)
-    if not differences.size:
+    order = 3 - already_differenced
+    if len(signal) <= order or not signal.shape[1]:
         return 0.0
-    quiet = np.quantile(np.abs(differences), _QUIET_QUANTILE, axis=0) / (_QUIET_NORMAL * _THIRD_DIFFERENCE_GAIN)
-    flips = np.mean(differences[1:] * differences[:-1] < 0.0, axis=0)
-    return float(np.median(np.where(flips > _FEWEST_FLIPS, quiet, 0.0)))
+    return float(np.median([_channel_level(np.diff(channel, n=order)) for channel in signal.T]))
+
+
+def _channel_level(differences: FloatArray) -> float:
+    """What third differences of one channel say, shape (n,): one at a time, for a long log has many samples."""
+    if np.mean(differences[1:] * differences[:-1] < 0.0) <= _FEWEST_FLIPS:
+        return 0.0
+    quiet = np.quantile(np.abs(differences), _QUIET_QUANTILE)
+    return float(quiet / (_QUIET_NORMAL * _THIRD_DIFFERENCE_GAIN))
 
 
 def looks_noisy(walk: Walk) -> bool:
