@@ -81,8 +81,8 @@ def main() -> int:
         table.add_column(head, justify="left" if head == "log" else "right")
     beaten = False
     try:
-        for trial in _trials(bench):
-            error, file, found, true = _measure(trial)
+        for trial in trials(bench):
+            error, file, found, true = measure(trial)
             beaten |= true >= file
             table.add_row(trial.name, f"{error:.2g}", *(f"{value:.3g}" for value in (file, found, true)))
     except MassidError as error:
@@ -92,7 +92,8 @@ def main() -> int:
     return int(beaten)
 
 
-def _trials(bench: Bench) -> Iterator[Trial]:
+def trials(bench: Bench) -> Iterator[Trial]:
+    """The logs to look at."""
     if bench.log and bench.model and bench.truth:
         truth = Truth.load(bench.truth)
         yield Trial(bench.log.name, read_walk(bench.log), Robot.load(bench.model), dict(truth.mass_kg))
@@ -109,10 +110,16 @@ def _trials(bench: Bench) -> Iterator[Trial]:
                 yield Trial(f"{robot}, {preset}, seed {seed}", given.noisy, given.robot, true_kg)
 
 
-def _measure(trial: Trial) -> tuple[float, float, float, float]:
-    """Error of the masses found [kg], and what file, estimate and truth leave [N m]."""
+def measure(trial: Trial, held_out: float = 0.2, passes: int = IdentifyOptions.passes) -> tuple[float, ...]:
+    """Error of the masses found [kg], and what file, estimate and truth leave [N m].
+
+    Args:
+        trial: the log.
+        held_out: share of it that is predicted.
+        passes: over the rest, at most.
+    """
     links = [link for link in trial.true_kg if link in trial.robot.links]
-    job = Weighing.prepare(trial.walk, trial.robot, links, options=IdentifyOptions())
+    job = Weighing.prepare(trial.walk, trial.robot, links, held_out=held_out, options=IdentifyOptions(passes=passes))
     result, (held,) = job.identify(), job.held
     if held is None:
         raise MassidError(f"{trial.name}: the log is too short to hold anything out.")
