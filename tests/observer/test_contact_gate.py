@@ -1,9 +1,11 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from massid.observer.contact_gate import is_unloaded
+from massid.observer.contact_gate import is_unloaded, offsets_in_air
 from massid.observer.spans import Spans
 from massid.typing import FloatArray
 from massid.walk.noise import PRESETS, SensorNoise
@@ -57,6 +59,30 @@ def test_only_readings_in_units_of_the_noise_matter() -> None:
     np.testing.assert_array_equal(is_unloaded(8.0 * wrench, NOISE.scaled(8.0), TIMESTEP_S), unloaded)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_light_load_is_told_from_an_offset_of_its_size(seed: int) -> None:
+    wrench = _readings(NOISE, seed)
+    bearing = np.arange(N) % 500 < 150  # a heel that touches the ground with 6 N for a while in every step
+    wrench[bearing, 2] += 6.0
+    assert is_unloaded(wrench, NOISE, TIMESTEP_S)[bearing, 0].any()  # for it may be that much off
+    offsets = offsets_in_air(wrench, NOISE, TIMESTEP_S, 0.02)
+    unloaded = is_unloaded(wrench, NOISE, TIMESTEP_S, offsets)[:, 0]
+    assert not unloaded[bearing & np.roll(bearing, 20) & np.roll(bearing, -20)].any()
+    assert unloaded.mean() > 0.5
+    truth = _readings(replace(NOISE, force=0.0, moment=0.0), seed)[0]
+    np.testing.assert_array_less(np.abs(offsets.mean - truth)[[0, 1, 2, 6, 7, 8]], 4.0 * NOISE.force / np.sqrt(0.5 * N))
+
+
+def test_what_a_foot_reads_that_never_leaves_the_ground_says_nothing_of_its_offset() -> None:
+    wrench = _readings(NOISE, 0)
+    wrench[:, :6] += 300.0
+    offsets = offsets_in_air(wrench, NOISE, TIMESTEP_S, 0.02)
+    np.testing.assert_allclose(offsets.std[:3], NOISE.force_offset)
+    np.testing.assert_array_equal(offsets.mean[:3], 0.0)
+    assert (offsets.std[6:9] < 0.05 * NOISE.force_offset).all()
+
+
 def test_no_samples_and_no_contacts_give_empty_answers() -> None:
     assert is_unloaded(np.zeros((0, 12)), NOISE, TIMESTEP_S).shape == (0, 2)
     assert is_unloaded(np.zeros((30, 0)), NOISE, TIMESTEP_S).shape == (30, 0)
+    assert offsets_in_air(np.zeros((0, 12)), NOISE, TIMESTEP_S, 0.02).mean.shape == (12,)

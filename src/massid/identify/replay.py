@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -46,9 +46,10 @@ class WalkReplay:
         walk = self._walk = log.walk
         self._windows = walk.filled_windows(options.dwell_s)
         sensors = log.sensors.suited_to(walk)
-        bank = partial(sensors.bank, robot, log.space, walk.contact_bodies, walk.timestep_s)
-        self._bank = bank(n_models, options.threads, slopes=True)
-        self._alone = bank(1, 1)
+        self._make = partial(sensors.bank, robot, log.space, walk.contact_bodies, walk.timestep_s)
+        self._bank = self._make(n_models, options.threads, slopes=True)
+        self._alone = self._make(1, 1)
+        self._threads = options.threads
         self._forgetting_rate = sensors.forgetting_rate
         self._columns = np.arange(len(log.space)) if columns is None else columns
         self._fresh = {segment.start for segment in walk.segments}
@@ -58,6 +59,11 @@ class WalkReplay:
             for window in self._windows
             if segment.start <= window.start < segment.stop
         }
+
+    @cached_property
+    def _plain(self) -> RobotBank:
+        """As many models without derivatives, for who wants scores alone."""
+        return self._make(self._bank.n_models, self._threads, tangents=False)
 
     @property
     def n_windows(self) -> int:
@@ -89,8 +95,8 @@ class WalkReplay:
             raise BadInputError(f"{len(points)} points for a bank of {self._bank.n_models} models.")
         proposal = Proposal(points, (Role.CENTRE, *[Role.CANDIDATE] * (len(points) - 1)))
         with single_threaded():
-            self._bank.place(points)
-            scores = [self._score(self._bank, window, proposal) for window in self._windows]
+            self._plain.place(points)
+            scores = [self._score(self._plain, window, proposal) for window in self._windows]
         return np.asarray(sum(one.mu for one in scores))
 
     def _score(self, bank: RobotBank, window: Segment, proposal: Proposal) -> Monitoring:

@@ -24,7 +24,7 @@ from massid.model.unknowns.sensors import (
     WrenchOffset,
 )
 from massid.model.unknowns.unknown import Unknown, nuisance, unknowns_of
-from massid.observer.contact_gate import is_unloaded
+from massid.observer.contact_gate import offsets_in_air
 from massid.observer.sensors import ExactSensors, NoisySensors, SensorModel
 from massid.search.parameters import ParameterSpace
 from massid.walk import Walk
@@ -175,16 +175,13 @@ def nuisances(
 
 def _force_offsets(walk: Walk, noise: SensorNoise) -> list[WrenchOffset]:
     """Offsets of the force sensors, with what their readings off the ground say about them."""
-    unloaded = is_unloaded(walk.wrench.reshape(len(walk), -1), noise, walk.timestep_s)
-    variance = max(noise.force, LEAST_SHARE * PRESETS["white"].force) ** 2  # a simulated sensor may read plain zero
-    found = []
-    for contact, body in enumerate(walk.contact_bodies):
-        readings = walk.wrench[unloaded[:, contact], contact, :FORCE_AXES]
-        precision = noise.force_offset**-2 + len(readings) / variance
-        means = readings.sum(axis=0) / variance / precision
-        for axis, mean in enumerate(means.tolist()):
-            found.append(WrenchOffset(body, axis, **nuisance(precision**-0.5, mean)))
-    return found
+    readings = walk.wrench.reshape(len(walk), -1)
+    offsets = offsets_in_air(readings, noise, walk.timestep_s, LEAST_SHARE * PRESETS["white"].force)
+    return [
+        WrenchOffset(body, axis, **nuisance(float(offsets.std[at]), float(offsets.mean[at])))
+        for contact, body in enumerate(walk.contact_bodies)
+        for axis, at in enumerate(range(6 * contact, 6 * contact + FORCE_AXES))
+    ]
 
 
 def with_nuisances(

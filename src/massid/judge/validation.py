@@ -18,8 +18,9 @@ from massid.compare.motion import smooth_motion
 from massid.judge.motion import is_carried
 from massid.model.kinematics import body_rotations
 from massid.model.robot import Robot
-from massid.model.unknowns.sensors import WrenchOffset
+from massid.model.unknowns.sensors import FORCE_AXES
 from massid.model.unknowns.unknown import adds_mass
+from massid.observer.contact_gate import ForceOffsets
 from massid.result.checks import CUTOFF_HZ, TorquePrediction, Validation, WeightCheck
 from massid.result.result import Result
 from massid.search.parameters import ParameterSpace
@@ -153,12 +154,9 @@ def _force_offsets(space: ParameterSpace, walk: Walk, noise: SensorNoise) -> tup
 
     A foot in the air shows its sensor's offset; what the fit found besides would not be a check of the fit.
     """
-    offset = np.zeros((len(walk.contact_bodies), 6))
-    known = [parameter for parameter in space.parameters if isinstance(parameter, WrenchOffset)]
-    for parameter in known:
-        offset[walk.contact_bodies.index(parameter.body), parameter.axis] = parameter.nominal
-    widths = [parameter.prior_std or 0.0 for parameter in known]
-    return offset, float(np.sqrt(np.mean(np.square(widths)))) if widths else noise.force_offset
+    believed = ForceOffsets.believed(space, walk.contact_bodies, noise)
+    std = believed.std.reshape(-1, 6)[:, :FORCE_AXES]
+    return believed.mean.reshape(-1, 6), float(np.sqrt(np.mean(np.square(std)))) if std.size else noise.force_offset
 
 
 def _carried(robot: Robot, walk: Walk, noise: SensorNoise) -> tuple[float, float]:

@@ -18,7 +18,7 @@ import numpy as np
 from massid.model.layout import JointLayout
 from massid.model.motion import Motion
 from massid.model.realisation import Realisation, SensorErrors
-from massid.observer.contact_gate import is_unloaded
+from massid.observer.contact_gate import ForceOffsets, is_unloaded
 from massid.observer.friction import Friction, StickSlip
 from massid.observer.kernels import correct_state
 from massid.observer.neighbours import level, slope
@@ -65,6 +65,7 @@ class InputBelief:
         timestep_s: sample period; default the time step of the model [s].
         reach_s: how far around a sample its motion is averaged [s].
         unknown_friction: whether friction losses are to be found, be they zero in the model.
+        offsets: what is believed of the contact sensors; default how large their errors may be.
     """
 
     def __init__(
@@ -76,8 +77,9 @@ class InputBelief:
         timestep_s: float | None = None,
         reach_s: float = REACH_S,
         unknown_friction: bool = False,
+        offsets: ForceOffsets | None = None,
     ) -> None:
-        self._noise = noise
+        self._noise, self._offsets = noise, offsets
         self._timestep_s = float(model.opt.timestep) if timestep_s is None else timestep_s
         self._spans = Spans.at(self._timestep_s, reach_s)
         self._n_v, self._layout, self._joint_dof = model.nv, layout, layout.joint_dof
@@ -121,7 +123,8 @@ class InputBelief:
             wrench = self._read_later(wrench, self._sensors.wrench_lag[0, 0])
         own = slice(first, first + n)
         readings = effort[own], wrench[own]
-        loaded = np.repeat(~is_unloaded(wrench, self._noise, self._timestep_s), 6, axis=1).astype(np.float64)
+        unloaded = is_unloaded(wrench, self._noise, self._timestep_s, self._offsets)
+        loaded = np.repeat(~unloaded, 6, axis=1).astype(np.float64)
         qpos, qvel, effort, wrench = self._corrected(qpos, qvel, effort, wrench)
         wrench = wrench * loaded
         rubbing = Friction.none(n, len(self._joint_dof))

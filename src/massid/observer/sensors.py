@@ -15,6 +15,7 @@ from typing import TypeAlias
 from massid.model.robot import Robot
 from massid.observer.averaging import suitable_reach_s
 from massid.observer.bank import RobotBank
+from massid.observer.contact_gate import ForceOffsets
 from massid.observer.injection import InertiaShapedInjection
 from massid.observer.inputs import InputBelief
 from massid.observer.kalman import KalmanInjection
@@ -53,9 +54,10 @@ class ExactSensors:
         n_models: int,
         n_threads: int = 0,
         *,
+        tangents: bool = True,
         slopes: bool = False,
     ) -> RobotBank:
-        """Identification models with inertia-shaped injection; see `RobotBank`. They show all slopes themselves.
+        """Identification models with inertia-shaped injection; see `RobotBank`. They show all derivatives themselves.
 
         Raises:
             ModelError: a contact body is not in the model.
@@ -126,6 +128,7 @@ class NoisySensors:
             timestep_s=timestep_s,
             reach_s=self.reach_s,
             unknown_friction=robot.realise(space, space.nominal, contact_bodies).friction_loss is not None,
+            offsets=ForceOffsets.believed(space, contact_bodies, self.noise),
         )
         model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
         lineariser = Lineariser(copy.copy(model), robot.layout, substeps)
