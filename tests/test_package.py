@@ -45,10 +45,10 @@ SEES: dict[str, set[str]] = {
     "walk": set(),
     "search": {"ranges"},
     "log": {"outputs", "walk"},
-    "model": {"search", "walk"},
+    "model": {"outputs", "search", "walk"},
     "audit": {"log", "model", "walk"},
     "observer": {"model", "search", "walk"},
-    "result": {"markup", "model", "search", "walk"},
+    "result": {"markup", "model", "outputs", "search", "walk"},
     "identify": {"audit", "model", "observer", "ranges", "result", "search", "walk"},
     "compare": {"model", "search", "walk"},
     "judge": {"compare", "identify", "model", "observer", "result", "search", "walk"},
@@ -56,10 +56,10 @@ SEES: dict[str, set[str]] = {
     "systems": {"search"},
     "walking": set(),
     "plant": {"log", "model", "outputs", "search", "walk", "walking"},
-    "view": {"markup", "model", "result", "score", "search", "walk"},
+    "view": {"markup", "model", "outputs", "result", "score", "search", "walk"},
     "paper": {
-        *("assets", "identify", "log", "markup", "model", "observer", "plant", "result", "score", "search", "systems"),
-        *("view", "walk", "walking", "weighing"),
+        *("assets", "identify", "log", "markup", "model", "observer", "outputs", "plant", "result", "score", "search"),
+        *("systems", "view", "walk", "walking", "weighing"),
     },
 }
 """What each room may know of those before it: data flows one way, and truth never reaches identification."""

@@ -42,7 +42,10 @@ def contents(folder: Path) -> dict[str, str]:
         ("identify walk.mcap --json link.json", "link.json is the log itself; give --json another name"),
         ("identify walk.mcap --json other.mcap", "--json other.mcap: expected a name that ends in .json"),
         ("inspect walk.mcap --json other.mcap", "--json other.mcap: expected a name that ends in .json"),
-        ("identify walk.mcap --rerun /dev/null", "--rerun /dev/null: Rerun writes to files only"),
+        (
+            "identify walk.mcap --rerun /dev/null",
+            "--rerun /dev/null: is a pipe or a device, and",
+        ),
         ("identify walk.mcap --rerun walk.mcap", "is the log itself; give --rerun another name"),
         ("identify result.json walk.mcap --png walk.mcap", "is the log itself; give --png another name"),
         (
@@ -67,6 +70,9 @@ def contents(folder: Path) -> dict[str, str]:
         ("report result.json -o result.json", "result.json is the result itself; give the page (-o) another name"),
         ("report result.json -o result.npz", "result.npz is the result's sidecar itself"),
         ("record robot.xml --robot robot.xml", "robot.xml is the model (--robot) itself; give the log another name"),
+        ("record /dev/null --seconds 1", "the log /dev/null: is a pipe or a device"),
+        ("corrupt walk.mcap /dev/stdout", "the log /dev/stdout: is a pipe or a device"),
+        ("identify walk.mcap --save-model /dev/stdout", "models are saved to files"),
         ("record folder --seconds 1", "Cannot write folder: it is a folder."),
         ("repair walk.mcap walk.mcap", "walk.mcap is the damaged file itself"),
         ("repair walk.mcap.partial walk.mcap --topics ros2", "walk.mcap.partial is the damaged file itself"),

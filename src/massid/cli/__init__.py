@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from massid.cli.interrupts import EndedError, end_on_signals
+
 __all__ = ["CONTRADICTED", "INTERRUPTED", "NOT_IDENTIFIABLE", "main"]
 
 INTERRUPTED = 130
@@ -16,9 +18,13 @@ CONTRADICTED = 5
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code. Loading takes seconds, in which it can be interrupted as well."""
     try:
-        from massid.cli.app import run
+        with end_on_signals():
+            from massid.cli.app import run
 
-        return run(sys.argv[1:] if arguments is None else arguments)
+            return run(sys.argv[1:] if arguments is None else arguments)
+    except EndedError as ended:
+        sys.stderr.write(f"massid: ended by {ended}\n")
+        return 128 + ended.number
     except KeyboardInterrupt:
         sys.stderr.write("massid: interrupted\n")
         return INTERRUPTED

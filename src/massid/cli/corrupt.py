@@ -38,7 +38,7 @@ class Corrupt:
         from massid.cli.console import say, warn
         from massid.plant import corrupt_log
 
-        check_suffix("the log", self.out, ".mcap")
+        check_suffix("the log", self.out, ".mcap", pipes=False)
         if self.noise == "clean":
             raise BadInputError("--noise clean changes nothing: choose white, realistic or harsh.")
         written = corrupt_log(self.source, self.out, self.noise, self.seed)

@@ -22,7 +22,7 @@ from massid.cli.arguments import (
 )
 from massid.errors import BadInputError
 from massid.identify.options import IdentifyOptions
-from massid.outputs import check_outputs, check_suffix
+from massid.outputs import check_outputs, check_suffix, is_pipe
 from massid.result.document import Document, ReferenceEntry
 from massid.result.result import Status
 
@@ -147,7 +147,7 @@ class Identify:
             ],
             [
                 ("--json", self.json),
-                ("the sidecar of --json", None if self.json is None else sidecar_path(self.json)),
+                ("the sidecar of --json", sidecar_path(self.json) if self.json and not is_pipe(self.json) else None),
                 ("--save-model", self.save_model),
                 ("--rerun", self.rerun),
                 ("--png", self.png),
@@ -161,9 +161,11 @@ class Identify:
         if self.copy_assets and self.save_model is None:
             raise BadInputError("--copy-assets goes with --save-model, which was not asked for.")
         check_suffix("--json", self.json, ".json")
-        check_suffix("--rerun", self.rerun, ".rrd")
-        if self.rerun is not None and self.rerun.exists() and not self.rerun.is_file():
-            raise BadInputError(f"--rerun {self.rerun}: Rerun writes to files only.")
+        check_suffix("--rerun", self.rerun, ".rrd", pipes=False)
+        if self.save_model is not None and is_pipe(self.save_model):
+            raise BadInputError(f"--save-model {self.save_model}: is a pipe or a device; models are saved to files.")
+        if self.reference and self.json is not None and is_pipe(self.json):
+            raise BadInputError("--reference is added to --json when that is written, so it must be a file.")
         check_suffix("--png", self.png, ".png")
 
     def _unknowns(self) -> list[str]:
@@ -180,6 +182,7 @@ class Identify:
     def _write(self, result: Result, scored: Score | None) -> None:
         """Write the files that were asked for, and say where they are; what is slow and optional comes last."""
         from massid.cli.console import progress_bar, say, warn
+        from massid.cli.interrupts import EndedError
         from massid.result.evidence import Evidence
 
         evidence = result.evidence
@@ -206,21 +209,26 @@ class Identify:
             try:
                 with progress_bar("least squares beside it") as progress:
                     write_json(document.beside(reference_fit(result, progress)), self.json)
+            except EndedError:
+                raise
             except KeyboardInterrupt:
                 warn(f"interrupted: {self.json} is complete but for the least-squares fit on the same log")
 
     def _write_json(self, result: Result, scored: Score | None) -> Document:
-        """Write the result document and its sidecar."""
+        """Write the result document and its sidecar, which a pipe has no place for."""
         from massid.cli.console import say
-        from massid.result.file import write_json
-        from massid.result.sidecar import sidecar_path, write_sidecar
+        from massid.outputs import write_files
+        from massid.result.file import as_json
+        from massid.result.sidecar import sidecar_of, sidecar_path
         from massid.score import with_score
 
         assert self.json is not None
-        digest = write_sidecar(sidecar_path(self.json), result)
+        sidecar = None if is_pipe(self.json) else sidecar_of(result)
+        digest = None if sidecar is None else sidecar.sha256
         document = result.document(options=self.options.to_json(), sidecar_sha256=digest)
         document = with_score(document, scored) if scored else document
-        write_json(document, self.json)
+        beside = {} if sidecar is None else {sidecar_path(self.json): sidecar.content}
+        write_files({**beside, self.json: as_json(document)})
         say(f"result: {self.json} (massid report {self.json})")
         return document
 

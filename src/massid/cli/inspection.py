@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -70,11 +69,16 @@ class Inspection:
         }
 
     def write(self, path: Path, exit_code: int) -> None:
-        """Write it as JSON; what is no finite number becomes null."""
+        """Write it as JSON; what is no finite number becomes null.
+
+        Raises:
+            BadInputError: it cannot be written.
+        """
         from massid.cli.console import say
+        from massid.result.file import write_json
 
         document = _finite({**self._document, "exit_code": exit_code})
-        path.write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(document, path)
         say(f"\nfound: {path}")
 
 

@@ -1,4 +1,4 @@
-"""Ctrl-C while a search runs: the first one ends it with what it has found so far, the second one ends the program."""
+"""Signals that end the program: nothing is left half done, and Ctrl-C during a search keeps what it has found."""
 
 from __future__ import annotations
 
@@ -9,10 +9,49 @@ import threading
 from collections.abc import Callable, Iterator
 from types import FrameType
 
+_ENDINGS = ("SIGTERM", "SIGHUP")
+
+
+class EndedError(KeyboardInterrupt):
+    """Somebody ended the program by a signal other than Ctrl-C.
+
+    Args:
+        number: of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.number = number
+
+
+@contextlib.contextmanager
+def end_on_signals() -> Iterator[None]:
+    """Let whatever runs be wound up as after Ctrl-C when the process is to end, instead of stopping where it is.
+
+    What is ignored, as under nohup, stays ignored.
+    """
+
+    def end(number: int, frame: FrameType | None) -> None:
+        raise EndedError(number)
+
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (getattr(signal, name) for name in _ENDINGS if hasattr(signal, name)):
+            if signal.getsignal(number) == signal.SIG_DFL:
+                before[number] = signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
 
 @contextlib.contextmanager
 def stop_on_interrupt() -> Iterator[Callable[[], bool]]:
-    """Yield what says whether the user has asked to stop; outside the main thread nobody can."""
+    """Yield what says whether the user has asked to stop; outside the main thread nobody can.
+
+    The first Ctrl-C ends a search with what it has found so far, the second one ends the program.
+    """
     asked = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield asked.is_set

@@ -96,7 +96,7 @@ class Record:
         check_outputs(
             [("the model (--robot)", model)], [("the log", self.out), ("the truth file beside the log", truth)]
         )
-        check_suffix("the log", self.out, ".mcap")
+        check_suffix("the log", self.out, ".mcap", pipes=False)
         hidden = parse_masses(self.mass) if self.mass else MassErrors(norm_kg=self.mass_error_kg)
         with progress_bar("walking") as progress:
             return record_walk(

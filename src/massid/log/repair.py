@@ -14,7 +14,7 @@ from massid.errors import LogError
 from massid.log.containers import read_messages
 from massid.log.mcap.container import MESSAGE_HEAD, TopicInfo
 from massid.log.mcap.sink import CHUNK_BYTES
-from massid.outputs import check_outputs
+from massid.outputs import check_outputs, drafts, is_pipe
 
 _HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 
@@ -49,13 +49,11 @@ def repair_log(source: Path | str, path: Path | str) -> Repair:
         LogError: the source is not MCAP or holds no readable message.
     """
     source, path = Path(source), Path(path)
-    draft = path.with_name(f"{path.name}.repairing")  # NAME.partial is what a killed recorder left to be repaired
-    check_outputs(
-        [("the damaged file", source)],
-        [("the repaired file", path), ("the repaired file, NAME.repairing until it is complete,", draft)],
-    )
+    check_outputs([("the damaged file", source)], [("the repaired file", path)])
+    if is_pipe(path):
+        raise LogError(f"{path}: is a pipe or a device; a log is written to a file.")
     try:
-        with draft.open("wb") as stream:
+        with drafts(path) as (draft,), draft.open("wb") as stream:
             writer = Writer(stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)
             writer.start(profile="ros2", library="massid repair")
             copier = _Copier(writer)
@@ -66,11 +64,8 @@ def repair_log(source: Path | str, path: Path | str) -> Repair:
             for name, content in contents.metadata.items():
                 writer.add_metadata(name, dict(content))
             writer.finish()
-        draft.replace(path)
     except OSError as error:
         raise LogError(f"{path}: cannot be written: {error.strerror}.") from error
-    finally:
-        draft.unlink(missing_ok=True)
     return Repair(path, dict(copier.counts), contents.warnings)
 
 

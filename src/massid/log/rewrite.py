@@ -10,13 +10,19 @@ from massid.log.writer import COMPLETE, RESERVED_METADATA, WalkWriter
 from massid.walk import Walk
 
 
-def write_walk(walk: Walk, path: Path | str, metadata: Mapping[str, str] | None = None) -> Path:
-    """Write a walk to a new log. Gaps stay gaps, and how the recording ended is kept.
+def write_walk(
+    walk: Walk,
+    path: Path | str,
+    metadata: Mapping[str, str] | None = None,
+    companions: Mapping[Path, bytes] | None = None,
+) -> Path:
+    """Write a walk to a new log: all of it, or none. Gaps stay gaps, and how the recording ended is kept.
 
     Args:
         walk: with its wrenches in the bodies' frames.
         path: the log to write, NAME.mcap; replaced if it exists.
         metadata: what to say differently from the walk's own metadata.
+        companions: files that belong to the log and appear together with it.
 
     Raises:
         LogError: wrenches are given in the world, or the log cannot be written.
@@ -27,18 +33,24 @@ def write_walk(walk: Walk, path: Path | str, metadata: Mapping[str, str] | None 
             "of massid holds them in their bodies."
         )
     said = {**walk.metadata, **(metadata or {})}
-    with WalkWriter(
+    writer = WalkWriter(
         path,
         root_body=walk.root_body,
         joint_names=walk.joint_names,
         timestep_s=walk.timestep_s,
         contact_bodies=walk.contact_bodies,
         metadata={key: value for key, value in said.items() if key not in RESERVED_METADATA},
-    ) as writer:
+        companions=lambda end: companions or {},
+    )
+    try:
         for segment in walk.segments:
             rows = slice(segment.start, segment.stop)
             wrenches = {body: walk.wrench[rows, c] for c, body in enumerate(walk.contact_bodies)}
             writer.append_block(walk.stamps_ns[rows], walk.qpos[rows], walk.qvel[rows], walk.effort[rows], wrenches)
         if said.get("end", COMPLETE) != COMPLETE:
             writer.end_because(said["end"])
+        writer.close()
+    except BaseException:
+        writer.discard()  # the walk is still there to be written again
+        raise
     return writer.path

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -14,6 +14,7 @@ from massid.errors import LogError
 from massid.log.mcap.schemas import JOINT_STATE, ODOMETRY, WRENCH_STAMPED
 from massid.log.mcap.sink import CHUNK_BYTES, McapSink, Topic
 from massid.log.topics.map import contact_topic
+from massid.outputs import uninterrupted
 from massid.typing import AnyArray, FloatArray, IntArray
 from massid.walk.conventions import NANOSECONDS, to_body, wxyz_to_xyzw
 
@@ -51,6 +52,7 @@ class WalkWriter:
         timestep_s: float,
         contact_bodies: Sequence[str] = (),
         metadata: Mapping[str, str] | None = None,
+        companions: Callable[[str], Mapping[Path, bytes]] | None = None,
     ) -> None:
         """Open the log.
 
@@ -61,13 +63,17 @@ class WalkWriter:
             timestep_s: sample period [s].
             contact_bodies: bodies with a wrench topic from the start; others get one when they first touch.
             metadata: what made the log, as text; `root_body`, `timestep_s` and `end` are added.
+            companions: asked at the end, and told what `end` says: files that belong to the log, such as its truth.
+                They appear together with it.
 
         Raises:
             LogError: the file cannot be opened, a name occurs twice, or metadata is not text.
+            BadInputError: another process is writing this log.
         """
         self.path = Path(path)
         self.samples = 0
         self._metadata = _checked_metadata(metadata or {}, root_body, timestep_s, self.path)
+        self._companions = companions
         self._end: str | None = None
         self._closed = False
         joint_names, contact_bodies = tuple(joint_names), tuple(contact_bodies)
@@ -155,6 +161,12 @@ class WalkWriter:
             block[name] = self._checked(name, values, (n, self._stage[name].shape[1]))
         forces = {body: self._checked(f"wrench of '{body}'", w, (n, 6)) for body, w in wrenches.items()}
         self._check_attitude(block["qpos"][:, 3:7])
+        with uninterrupted():  # half a sample would be left
+            self._take(stamps, block, forces)
+
+    def _take(self, stamps: IntArray, block: Mapping[str, FloatArray], forces: Mapping[str, FloatArray]) -> None:
+        """Stage samples that were checked, and write the chunks that they fill."""
+        n = len(stamps)
         for body, wrench in forces.items():
             if body not in self._contacts and wrench.any():
                 self._add_contact(body)
@@ -193,13 +205,23 @@ class WalkWriter:
         """
         if self._closed:
             return
-        self._closed = True
         if self.samples == 0:
-            self._sink.discard()
+            self.discard()
             raise LogError(f"{self.path}: no sample was recorded, so no log was written.")
-        self._write_chunk()
-        self._sink.add_metadata(METADATA_NAME, {**self._metadata, "end": self._end or COMPLETE})
-        self._sink.finish(int(self._written[0][0]), self._last_stamp)
+        with uninterrupted():
+            self._closed = True
+            self._write_chunk()
+            end = self._end or COMPLETE
+            self._sink.add_metadata(METADATA_NAME, {**self._metadata, "end": end})
+            companions = {} if self._companions is None else self._companions(end)
+            self._sink.finish(int(self._written[0][0]), self._last_stamp, companions)
+
+    def discard(self) -> None:
+        """Leave nothing of what was written; what stood under the log's name stays."""
+        if not self._closed:
+            with uninterrupted():
+                self._closed = True
+                self._sink.discard()
 
     def __enter__(self) -> Self:
         return self
@@ -208,8 +230,7 @@ class WalkWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         if kind is not None and self.samples == 0:
-            self._closed = True
-            self._sink.discard()
+            self.discard()
             return
         if kind is not None and self._end is None:
             self._end = " ".join(f"{kind.__name__}: {error}".split())

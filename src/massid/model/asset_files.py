@@ -11,6 +11,7 @@ import mujoco
 
 from massid.model.urdf import find_mesh
 from massid.model.xml_text import Element, XmlText, tag
+from massid.outputs import drafts
 
 _KINDS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
 """Element of MJCF -> attribute of <compiler> that says where its files are."""
@@ -97,7 +98,8 @@ def copy_assets(text: XmlText, home: Path, path: Path) -> None:
     for copy, source in taken.items():
         folder.mkdir(exist_ok=True)
         if source != folder / copy:
-            shutil.copyfile(source, folder / copy)
+            with drafts(folder / copy) as (draft,):
+                shutil.copyfile(source, draft)
     for compiler in text.root.all("compiler"):
         text.set(compiler, dict.fromkeys((*_FOLDERS, "assetdir", "strippath")))
 

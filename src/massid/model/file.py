@@ -16,7 +16,8 @@ from massid.model.changes import Changes
 from massid.model.mjcf import has_inertial, inlined, write_mjcf_body, write_mjcf_joint
 from massid.model.urdf import SUFFIX, is_urdf, read_urdf
 from massid.model.urdf_text import write_urdf_body, write_urdf_joint
-from massid.model.xml_text import XmlText
+from massid.model.xml_text import XmlText, comment
+from massid.outputs import drafts, write_file
 from massid.typing import FloatArray
 
 ROUNDING = 2e-5
@@ -97,7 +98,6 @@ def save_model(
     if wants_urdf and (file is None or not file.is_urdf):
         raise ModelError(f"Cannot write {path}: the robot was not read from a URDF; save it as .xml.")
     folder = path.resolve().parent
-    draft = folder / f".{path.stem}.partial{path.suffix}"
     try:
         text = _own_text(file, changes, wants_urdf, with_assets) if file is not None else None
         if text is None and wants_urdf:
@@ -110,23 +110,21 @@ def save_model(
         else:
             move_assets(text, home, folder)
         if remark:
-            text.insert_before_root(f"<!-- massid: {remark.replace('--', '- -')} -->\n")
-        draft.write_bytes(text.render())
+            text.insert_before_root(comment(f"massid: {remark}"))
         for name, content in spec.assets.items():
             asset = folder / name
             if not asset.exists():
                 asset.parent.mkdir(parents=True, exist_ok=True)
-                asset.write_bytes(content if isinstance(content, bytes) else str(content).encode())
-        found = _loaded(load, draft, path)
-        for name, values in changes.expected.items():
-            _check_field(path, name, getattr(found, name), values)
-        draft.replace(path)
+                write_file(asset, content if isinstance(content, bytes) else str(content).encode())
+        with drafts(path) as (draft,):
+            draft.write_bytes(text.render())
+            found = _loaded(load, draft, path)
+            for name, values in changes.expected.items():
+                _check_field(path, name, getattr(found, name), values)
     except OSError as error:
         raise ModelError(f"Cannot write {path}: {error.strerror}.") from error
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(f"Cannot write {path}: the saved model does not load: {one_line(error)}") from error
-    finally:
-        draft.unlink(missing_ok=True)
 
 
 def _loaded(load: Callable[[Path], mujoco.MjModel], draft: Path, path: Path) -> mujoco.MjModel:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 from xml.sax.saxutils import escape
 
-from massid.errors import ModelError
+from massid.errors import ModelError, printable
 
 _ATTRIBUTE = r"""(\s+{name}\s*=\s*)("[^"]*"|'[^']*')"""
 
@@ -181,6 +181,11 @@ def _quoted(value: str) -> bytes:
 
 def _bytes(text: str | bytes) -> bytes:
     return text if isinstance(text, bytes) else text.encode("ascii", "xmlcharrefreplace")
+
+
+def comment(text: str) -> str:
+    """A comment on a line of its own; XML has no way to write two hyphens in a row in one, nor one at its end."""
+    return f"<!-- {re.sub('-(?=-|$)', '- ', printable(text))} -->\n"
 
 
 def numbers(values: Iterable[float]) -> str:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from massid.outputs import write_file
 from massid.paper.affine_case import AffineCase
 from massid.paper.humanoid_case import THRESHOLD_KG, HumanoidCase
 from massid.paper.illustration import TRUTH as ILLUSTRATED_TRUTH
@@ -59,9 +61,11 @@ def page(path: Path, rows: int, columns: int, size: tuple[float, float], **share
         figure, axes = plt.subplots(rows, columns, figsize=size, constrained_layout=True, **share)
         try:
             yield axes
-            figure.savefig(path, dpi=DPI)
+            content = BytesIO()
+            figure.savefig(content, format="png", dpi=DPI)
         finally:
             plt.close(figure)
+    write_file(path, content.getvalue())
 
 
 def draw_fig_1(case: Illustration, path: Path) -> None:

@@ -5,7 +5,7 @@ from massid.plant.embodiment import Integrator, motorised, variant
 from massid.plant.environment import PlantOptions, StayUp, make_environment
 from massid.plant.masses import HiddenMasses, MassErrors, default_links
 from massid.plant.recorder import Agent, Recording, StepRecorder, record
-from massid.plant.truth import truth_path, write_truth
+from massid.plant.truth import truth_path
 from massid.plant.walk import RecordingReport, WalkerAgent, record_walk
 
 __all__ = [
@@ -29,5 +29,4 @@ __all__ = [
     "sensors_of",
     "truth_path",
     "variant",
-    "write_truth",
 ]

@@ -13,7 +13,7 @@ from massid.errors import BadInputError, unknown_name
 from massid.log import read_walk, write_walk
 from massid.log.mcap.sink import partial_path
 from massid.outputs import check_outputs
-from massid.plant.truth import save_truth, truth_path
+from massid.plant.truth import as_json, truth_path
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, NoisePreset, Sensors
 
@@ -92,9 +92,9 @@ def corrupt_log(source: Path | str, path: Path | str, noise: NoisePreset, seed: 
     sensors = sensors_of(walk, noise, seed)
     truth = _load(truth_path(source))
     measured = sensors.measure(walk)
-    write_walk(measured, path, {} if noise == "clean" else {"sensor_noise": SIMULATED_NOISE})
     drawn = {"preset": noise, "seed": seed, "std": asdict(sensors.noise), "drawn": sensors.drawn()}
-    save_truth(truth_path(path), truth | {"sensors": drawn})
+    said = {} if noise == "clean" else {"sensor_noise": SIMULATED_NOISE}
+    write_walk(measured, path, said, {truth_path(path): as_json(truth | {"sensors": drawn})})
     return Corruption(path, truth_path(path), measured)
 
 

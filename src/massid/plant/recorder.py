@@ -199,6 +199,7 @@ def record(
     terminated: str = TERMINATED,
     period_s: float | None = None,
     start_ns: int = START_NS,
+    companions: Callable[[str], Mapping[Path, bytes]] | None = None,
     progress: Progress | None = None,
 ) -> Recording:
     """Record one episode of an environment.
@@ -217,6 +218,7 @@ def record(
         terminated: what the log says when the task ends the episode, such as "fell".
         period_s: of the log's samples, a whole number of physics steps; None for one [s].
         start_ns: first stamp since the Unix epoch [ns].
+        companions: asked at the end, and told what the log says of it: files that appear together with the log.
         progress: told where the recording stands.
 
     Raises:
@@ -241,6 +243,7 @@ def record(
         timestep_s=timestep_s,
         contact_bodies=contact_bodies,
         metadata={**(metadata or {}), **_engine_metadata(model)},
+        companions=companions,
     )
     act = agent if callable(agent) else _replayed(agent)
     with writer:

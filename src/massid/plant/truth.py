@@ -1,4 +1,4 @@
-"""The truth of a simulated walk, written beside its log and read by the score alone."""
+"""The truth of a simulated walk, which lies beside its log and is read by the score alone."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from massid.errors import BadInputError
 from massid.model.robot import Robot
 from massid.plant.masses import HiddenMasses
 
@@ -17,20 +16,14 @@ def truth_path(log_path: Path) -> Path:
     return log_path.with_name(f"{log_path.stem}.truth.json")
 
 
-def write_truth(
-    path: Path, robot: Robot, hidden: HiddenMasses, seed: int | None, details: Mapping[str, Any] | None = None
-) -> None:
-    """Write what a log must not say: true masses of all links, and the seed that could regenerate them.
+def truth_of(robot: Robot, hidden: HiddenMasses, seed: int | None, details: Mapping[str, Any] | None = None) -> bytes:
+    """What a log must not say, as the content of its truth file: true masses of all links, and the seed behind them.
 
     Args:
-        path: where to write, as `truth_path` says.
         robot: the robot with nominal masses.
         hidden: what was added to them.
         seed: of the recording; None if the masses were given.
         details: more keys of the document, such as the gait.
-
-    Raises:
-        BadInputError: the file cannot be written.
     """
     true_kg = hidden.true_kg(robot)
     document = {
@@ -42,16 +35,9 @@ def write_truth(
         "seed": seed,
         **(details or {}),
     }
-    save_truth(path, document)
+    return as_json(document)
 
 
-def save_truth(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a truth document.
-
-    Raises:
-        BadInputError: the file cannot be written.
-    """
-    try:
-        path.write_text(json.dumps(document, indent=2) + "\n")
-    except OSError as error:
-        raise BadInputError(f"{path}: cannot be written: {error.strerror}.") from error
+def as_json(document: Mapping[str, Any]) -> bytes:
+    """A truth document as the content of its file."""
+    return f"{json.dumps(document, indent=2)}\n".encode()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
@@ -13,12 +14,13 @@ import numpy as np
 from massid.errors import BadInputError, unknown_name
 from massid.model.file import file_sha256
 from massid.model.robot import Robot
+from massid.outputs import beside
 from massid.plant.corruption import check_noise, corrupt_log
 from massid.plant.embodiment import motorised
 from massid.plant.environment import PlantOptions, make_environment
 from massid.plant.masses import HiddenMasses, MassErrors
-from massid.plant.recorder import Progress, record
-from massid.plant.truth import truth_path, write_truth
+from massid.plant.recorder import COMPLETE, DIVERGED, TRUNCATED, Progress, record
+from massid.plant.truth import truth_of, truth_path
 from massid.typing import FloatArray
 from massid.walk.noise import NoisePreset
 from massid.walking import Gait, Servos, ServoWalker, Walker, driven_by_servos, find_gait
@@ -124,7 +126,7 @@ def record_walk(
     if noise == "clean":
         return _record_clean(source, path, walk, hidden, progress)
     check_noise(noise)
-    clean = path.with_name(f".{path.stem}.clean.mcap")
+    clean = beside(path, ".mcap")
     leftovers = (clean, truth_path(clean))
     try:
         report = _record_clean(source, clean, walk, hidden, progress)
@@ -161,12 +163,16 @@ def _record_clean(
     robot = source if isinstance(source, Robot) else Robot.load(source)
     masses_rng, gait_rng = np.random.default_rng(asked.seed).spawn(2)
     hidden = MassErrors() if hidden is None else hidden
-    drawn = isinstance(hidden, MassErrors)
+    details = {"masses_drawn": isinstance(hidden, MassErrors), "gait": gait.name}
     masses = hidden.draw(robot, masses_rng) if isinstance(hidden, MassErrors) else hidden
     walker = _walker(robot, gait, asked.controller, gait_rng)
     options = PlantOptions(control_period_s=walker.control_period_s, feet=walker.foot_names)
     environment = make_environment(robot, masses, initial_qpos=walker.initial_qpos(), options=options)
-    before, end = _identity(path), INTERRUPTED
+
+    def truth(end: str) -> Mapping[Path, bytes]:
+        said = end if end in (COMPLETE, FELL, TRUNCATED, DIVERGED) else INTERRUPTED
+        return {truth_path(path): truth_of(robot, masses, asked.seed, {**details, "end": said})}
+
     try:
         recording = record(
             environment,
@@ -177,21 +183,18 @@ def _record_clean(
             metadata={"model_file": robot.source, "model_sha256": _fingerprint(source, robot), "gait": gait.name},
             contact_bodies=walker.foot_names,
             terminated=FELL,
+            companions=truth,
             progress=progress,
         )
-        end = FELL if recording.terminated else recording.end
     finally:
         environment.close()
-        if _identity(path) != before:  # also an interrupted recording leaves a log
-            details = {"masses_drawn": drawn, "gait": gait.name, "end": end}
-            write_truth(truth_path(path), robot, masses, asked.seed, details)
     return RecordingReport(
         path=recording.path,
         truth_path=truth_path(path),
         samples=recording.samples,
         duration_s=recording.duration_s,
         fell=recording.terminated,
-        end=end,
+        end=FELL if recording.terminated else recording.end,
         self_contact_samples=recording.self_contact_samples,
         error_norm_kg=masses.norm_kg,
         failed_solves=walker.failed_solves,
@@ -207,14 +210,6 @@ def _walker(robot: Robot, gait: Gait, controller: Controller, rng: np.random.Gen
     if not servos:
         return Walker(alone.model, gait, rng)
     return ServoWalker(alone.model, gait, rng, Servos.from_model(robot.model, alone.joint_names))
-
-
-def _identity(path: Path) -> tuple[int, int] | None:
-    """Tells one version of a file from the next; None if there is none."""
-    if not path.exists():
-        return None
-    status = path.stat()
-    return status.st_ino, status.st_mtime_ns
 
 
 def _fingerprint(source: Robot | str | Path, robot: Robot) -> str:

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from massid.errors import BadInputError
+from massid.outputs import write_file
 from massid.result.document import SCHEMA, Document
 from massid.result.explanation import explain, missing
 
@@ -23,17 +24,23 @@ def plain(value: Any) -> Any:
     return msgspec.to_builtins(value, enc_hook=_number)
 
 
+def as_json(value: Any) -> bytes:
+    """A document, or anything else that is made of JSON values, as the content of a file.
+
+    Raises:
+        ValueError: a number is not finite; JSON has none such, and msgspec would write null for it.
+    """
+    return f"{json.dumps(plain(value), indent=2, allow_nan=False)}\n".encode()
+
+
 def write_json(value: Any, path: Path) -> None:
     """Write a document, or anything else that is made of JSON values.
 
     Raises:
         BadInputError: the file cannot be written.
-        ValueError: a number is not finite; JSON has none such, and msgspec would write null for it.
+        ValueError: as `as_json` does.
     """
-    try:
-        path.write_text(json.dumps(plain(value), indent=2, allow_nan=False) + "\n")
-    except OSError as error:
-        raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
+    write_file(path, as_json(value))
 
 
 def read_document(path: Path) -> Document:

@@ -359,7 +359,7 @@ class Result:
         Args:
             reference: another method's masses from the same log; None if the log is too short for it.
             options: settings of the identification, as `IdentifyOptions.to_json` gives them.
-            sidecar_sha256: what `massid.result.sidecar.write_sidecar` returned for the file beside it.
+            sidecar_sha256: of the file beside it, as `massid.result.sidecar.sidecar_of` gives it.
         """
         return describe_result(self, reference, options, sidecar_sha256)
 

@@ -40,15 +40,8 @@ def sidecar_path(result_path: Path) -> Path:
     return result_path.with_suffix(".npz")
 
 
-def write_sidecar(path: Path, result: Result) -> str:
-    """Write what the report draws and the document does not hold.
-
-    Returns:
-        The file's SHA-256, for the document.
-
-    Raises:
-        BadInputError: the file cannot be written.
-    """
+def sidecar_of(result: Result) -> Sidecar:
+    """What the report draws and the document does not hold."""
     arrays: dict[str, AnyArray] = {"estimate": result.estimate}
     if result.uncertainty is not None:
         arrays["covariance"] = result.uncertainty.covariance
@@ -66,12 +59,23 @@ def write_sidecar(path: Path, result: Result) -> str:
         }
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]  # a keyword of savez is no array name
-    content = stream.getvalue()
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
-    return hashlib.sha256(content).hexdigest()
+    return Sidecar(stream.getvalue())
+
+
+@dataclass(frozen=True)
+class Sidecar:
+    """The content of a sidecar.
+
+    Attributes:
+        content: of the file.
+    """
+
+    content: bytes
+
+    @property
+    def sha256(self) -> str:
+        """Its SHA-256, by which the document knows it."""
+        return hashlib.sha256(self.content).hexdigest()
 
 
 def read_result(path: Path) -> StoredResult:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from massid.errors import BadInputError
 from massid.markup import Markup, element
+from massid.outputs import write_file
 
 Mood: TypeAlias = Literal["good", "bad", ""]
 """Whether what is said is welcome."""
@@ -137,10 +137,7 @@ class HtmlPage:
             element("style", Markup(_STYLE)),
         )
         page = element("html", *head, element("body", *self._parts), lang="en")
-        try:
-            path.write_text(f"<!doctype html>{page}\n", encoding="utf-8")
-        except OSError as error:
-            raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
+        write_file(path, f"<!doctype html>{page}\n".encode())
 
 
 def _is_number(cell: str) -> bool:

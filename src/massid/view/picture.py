@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from massid.errors import BadInputError
 from massid.model.robot import Robot
+from massid.outputs import write_file
 from massid.result.result import Result, Status
 from massid.score import Score
 from massid.search.proposal import Role
@@ -97,11 +98,9 @@ def write_summary_png(path: Path, walk: Walk, robot: Robot, result: Result, scor
         _draw_masses(axes[0, 1], trace, end_s)
         _draw_scores(axes[1, 0], trace, end_s)
         _draw_forces(axes[1, 1], motion, end_s)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(path, format="png", facecolor="white")
-        except OSError as error:
-            raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
+        content = BytesIO()
+        figure.savefig(content, format="png", facecolor="white")
+    write_file(path, content.getvalue(), make_folder=True)
 
 
 def _chosen_updates(trace: Trace) -> list[int]:

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from massid.errors import BadInputError
 from massid.model.robot import Robot
+from massid.outputs import write_file
 from massid.result.result import Result
 from massid.score import Score
 from massid.search.proposal import Role
@@ -70,13 +70,9 @@ def write_recording(path: Path, walk: Walk, robot: Robot, result: Result, score:
         LogError: the log does not match the robot.
     """
     motion, trace = sample_motion(walk, robot), Trace.of(result, score)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("ab").close()
-    except OSError as error:
-        raise BadInputError(f"Cannot write {path}: {error.strerror}.") from error
     stream = rr.RecordingStream(APPLICATION)
-    stream.save(path, default_blueprint=make_blueprint(trace, motion, robot))
+    memory = stream.memory_recording()  # its writer of files waits for ever on a disk that is full
+    stream.send_blueprint(make_blueprint(trace, motion, robot), make_active=False)
     stream.send_recording_name(", ".join(result.sources))
     writer = _Writer(stream, motion, trace)
     writer.scene(robot)
@@ -84,8 +80,9 @@ def write_recording(path: Path, walk: Walk, robot: Robot, result: Result, score:
     if not trace.online:
         writer.passes()
     writer.table(result, score)
-    stream.flush()
+    content = memory.drain_as_bytes()
     stream.disconnect()
+    write_file(path, content, make_folder=True)
 
 
 class _Writer:

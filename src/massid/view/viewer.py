@@ -10,11 +10,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from massid.errors import BadInputError, MassidError
+from massid.outputs import write_file
 from massid.view.names import SIM_TIME
 
 MAGIC = b"RRF"
@@ -80,11 +82,13 @@ def take_screenshot(
             viewer.set_time(play_state="paused")
             time.sleep(SETTLE_S)
             viewer.save_screenshot(str(window))
+        content = BytesIO()
         try:
             with Image.open(window) as whole:
-                whole.crop((0, MENU_BAR_PIXELS, width, height + MENU_BAR_PIXELS)).save(picture)
+                whole.crop((0, MENU_BAR_PIXELS, width, height + MENU_BAR_PIXELS)).save(content, format="png")
         except OSError as error:
-            raise MassidError(f"Cannot write the screenshot {picture}: {error}.") from error
+            raise MassidError(f"The viewer saved no screenshot: {error}.") from error
+        write_file(picture, content.getvalue())
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from massid.errors import LogError
 from massid.log.mcap.rosbag2 import TopicCount, channel_metadata, file_metadata
 from massid.log.mcap.schemas import definition_text
 from massid.log.messages.cdr import Layout, encode, parse_schema, trace
+from massid.outputs import is_pipe, open_alone, places_beside, publish
 from massid.typing import AnyArray, IntArray
 from massid.walk.conventions import NANOSECONDS
 
@@ -72,14 +73,17 @@ class McapSink:
         """Open the partial file.
 
         Raises:
-            LogError: it cannot be opened.
+            LogError: it cannot be opened, or is no file but a pipe.
+            BadInputError: another process is writing it.
         """
+        if is_pipe(path):
+            raise LogError(f"{path}: is a pipe or a device; a log is written to a file.")
         self.path = path
         self.partial_path = partial_path(path)
         self.topics: dict[str, Topic] = {}
         self._schemas: dict[str, int] = {}
         with self._file_errors():
-            self._stream = self.partial_path.open("wb")
+            self._stream = open_alone(self.partial_path)
             self._writer = Writer(
                 self._stream, chunk_size=_NEVER, compression=CompressionType.ZSTD, enable_data_crcs=True
             )
@@ -128,12 +132,13 @@ class McapSink:
         for topic, _ in messages:
             topic.messages += len(stamps_ns)
 
-    def finish(self, first_ns: int, last_ns: int) -> None:
+    def finish(self, first_ns: int, last_ns: int, companions: Mapping[Path, bytes]) -> None:
         """Write rosbag2's metadata and the index, and give the file its name.
 
         Args:
             first_ns: stamp of the first sample [ns].
             last_ns: stamp of the last sample [ns].
+            companions: files that belong to this one: it is never seen without them.
 
         Raises:
             LogError: the file cannot be written; what was written stays in the partial file.
@@ -145,9 +150,13 @@ class McapSink:
                     "rosbag2", file_metadata(self.path.name, first_ns, last_ns - first_ns, counts)
                 )
                 self._writer.finish()
+                self._stream.flush()
+                with places_beside(*companions) as places:
+                    for place, content in zip(places, companions.values(), strict=True):
+                        place.write_bytes(content)
+                    publish([*zip(places, companions, strict=True), (self.partial_path, self.path)])
             finally:
-                self._stream.close()
-            self.partial_path.replace(self.path)
+                self._stream.close()  # only now may another process take the partial file's name
 
     def discard(self) -> None:
         """Close and remove the partial file."""
@@ -159,4 +168,5 @@ class McapSink:
         try:
             yield
         except OSError as error:
-            raise LogError(f"{self.partial_path}: cannot be written: {error.strerror}.") from error
+            kept = " What was written until then is in it; `massid repair` makes a log of that."
+            raise LogError(f"{self.partial_path}: cannot be written: {error.strerror}.{kept}") from error
