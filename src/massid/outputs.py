@@ -165,7 +165,7 @@ def places_beside(*paths: Path) -> Iterator[tuple[Path, ...]]:
             place = beside(path, f".partial{path.suffix}")
             places.append(place)
             place.touch(exist_ok=False)
-            if path.exists():
+            with contextlib.suppress(FileNotFoundError):  # nothing is there, or another process is just replacing it
                 shutil.copymode(path, place)
         yield tuple(places)
     finally:
