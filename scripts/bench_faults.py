@@ -283,6 +283,8 @@ class Bench:
 
 def main(bench: Bench) -> int:
     """Run, count, print."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever a shell made of them
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     rng = np.random.default_rng(bench.seed)
     totals: Counter[str] = Counter()
     print("| command | fault | " + " | ".join((NEW, OLD, MARKED, NOTHING, BROKEN, HANGS)) + " | left beside |")

@@ -6,6 +6,10 @@ import difflib
 from collections.abc import Iterable
 from typing import ClassVar
 
+LONGEST_LINE = 4000
+"""Characters of a message; a name in it can be as long as its file."""
+_NBSP = "\N{NO-BREAK SPACE}"
+
 
 class MassidError(Exception):
     """Base of all errors whose message is meant for the user: one line, no traceback."""
@@ -13,7 +17,7 @@ class MassidError(Exception):
     exit_code: ClassVar[int] = 2
 
     def __init__(self, message: str = "") -> None:
-        super().__init__(printable(message))
+        super().__init__(on_one_line(message))
 
 
 class BadInputError(MassidError):
@@ -53,9 +57,25 @@ class StoppedError(MassidError):
 
 
 def printable(text: str) -> str:
-    """Put a text on one line without control characters: names out of damaged files can hold anything."""
-    line = " ".join(text.split())
-    return line if line.isprintable() else "".join(c if c.isprintable() else "?" for c in line)
+    """A text as it may be shown: names out of files can hold anything, and must not steer what shows them.
+
+    What ends a line or is otherwise no printable character becomes a space or a question mark: control characters,
+    marks that turn the direction of writing, halves of characters. Signs of markup are for each output to take care of.
+    """
+    return text if text.isprintable() else "".join(map(_printable, text))
+
+
+def _printable(character: str) -> str:
+    if character.isprintable() or character == _NBSP:
+        return character
+    return " " if character.isspace() else "?"
+
+
+def on_one_line(text: str) -> str:
+    """A text as it may be shown, with single spaces, and cut if nobody would read to its end."""
+    line = " ".join(printable(text).replace(_NBSP, " ").split())
+    rest = len(line) - LONGEST_LINE
+    return line if rest <= 0 else f"{line[:LONGEST_LINE]} ... ({rest} characters more)"
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], owner: str) -> str:

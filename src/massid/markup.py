@@ -5,6 +5,8 @@ from __future__ import annotations
 import html
 from collections.abc import Iterable
 
+from massid.errors import printable
+
 _EMPTY = {"img", "meta"}
 """Elements of HTML that hold nothing and are not closed."""
 
@@ -24,11 +26,13 @@ def element(kind: str, *content: str, **attributes: str) -> Markup:
         attributes: by name; ``class_`` is the class, ``font_weight`` is font-weight; empty ones are left out.
     """
     given = "".join(
-        f' {name.rstrip("_").replace("_", "-")}="{html.escape(value)}"' for name, value in attributes.items() if value
+        f' {name.rstrip("_").replace("_", "-")}="{html.escape(printable(value))}"'
+        for name, value in attributes.items()
+        if value
     )
     return Markup(f"<{kind}{given}>" if kind in _EMPTY else f"<{kind}{given}>{joined(content)}</{kind}>")
 
 
 def joined(content: Iterable[str]) -> Markup:
     """Elements and words one after the other, words escaped."""
-    return Markup("".join(part if isinstance(part, Markup) else html.escape(part) for part in content))
+    return Markup("".join(part if isinstance(part, Markup) else html.escape(printable(part)) for part in content))

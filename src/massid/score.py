@@ -58,7 +58,7 @@ class Truth:
                 them, {"quantities": {"<name>": ..}}.
         """
         try:
-            found = msgspec.convert(json.loads(path.read_text()), type=_TruthFile)
+            found = msgspec.convert(json.loads(path.read_text(encoding="utf-8")), type=_TruthFile)
         except OSError as error:
             raise BadInputError(f"Truth file {path}: {error.strerror}.") from error
         except ValueError as error:  # no text, no JSON, or not of this shape (msgspec.ValidationError)

@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from dataclasses import make_dataclass
 from importlib import import_module
 from importlib.metadata import version
+from io import TextIOWrapper
 from typing import Annotated, Any, Protocol, Union, cast, get_args
 
 import tyro
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from massid.errors import BadInputError, MassidError
+from massid.errors import BadInputError, MassidError, on_one_line
 
 DESCRIPTION = """Weighs the links of a humanoid robot while the robot walks.
 
@@ -44,6 +45,9 @@ class Command(Protocol):
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command; returns the exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # what this terminal has no sign for is written by number
+            stream.reconfigure(errors="backslashreplace")
     try:
         if list(arguments) == ["--version"]:
             sys.stdout.write(f"massid {version('massid')}\n")
@@ -64,7 +68,8 @@ def run(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # a full disk, a folder that was taken away
-        sys.stderr.write(f"massid: error: {error.filename or 'writing'}: {error.strerror or error}\n")
+        said = on_one_line(f"{error.filename or 'writing'}: {error.strerror or error}")
+        sys.stderr.write(f"massid: error: {said}\n")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BadInputError.exit_code
 

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from massid.cli.flags import in_flags
+from massid.errors import on_one_line, printable
 from massid.identify.progress import Progress as ProgressCallback
 from massid.result import Result
 from massid.result.presentation import mass_table, outcome, quantity_table
@@ -18,8 +19,8 @@ from massid.score import Score
 
 UNCUT = 200
 """Columns of what is written to a file or a pipe, where nothing need be cut off."""
-OUT = Console(highlight=False)
-ERR = Console(stderr=True, highlight=False)
+OUT = Console(highlight=False, markup=False, emoji=False)
+ERR = Console(stderr=True, highlight=False, markup=False, emoji=False)
 if not OUT.is_terminal:
     OUT.width = max(OUT.width, UNCUT)
 
@@ -27,19 +28,20 @@ if not OUT.is_terminal:
 @contextlib.contextmanager
 def progress_bar(title: str) -> Iterator[ProgressCallback]:
     """Draw a bar on stderr while work goes on; nothing when stderr is not a terminal."""
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[what]}"), TimeRemainingColumn())
+    said = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[what]}", markup=False)
+    columns = (said[0], BarColumn(), said[1], TimeRemainingColumn())
     with Progress(*columns, console=ERR, transient=True, disable=not ERR.is_terminal) as bar:
         task = bar.add_task(title, total=1.0, what="")
 
         def update(fraction: float, what: str) -> None:
-            bar.update(task, completed=fraction, what=what)
+            bar.update(task, completed=fraction, what=printable(what))
 
         yield update
 
 
 def warn(message: str) -> None:
     """Print one warning line on stderr."""
-    ERR.print(f"massid: warning: {in_flags(message)}", soft_wrap=True, markup=False)
+    ERR.print(f"massid: warning: {on_one_line(in_flags(message))}", soft_wrap=True)
 
 
 def warn_of_hidden(result: Result) -> None:
@@ -53,8 +55,9 @@ def warn_of_hidden(result: Result) -> None:
 
 
 def say(message: str) -> None:
-    """Print one line on stdout."""
-    OUT.print(in_flags(message), soft_wrap=True, markup=False)
+    """Print one line on stdout, after as many empty ones as it begins with."""
+    line = message.lstrip("\n")
+    OUT.print(message[: len(message) - len(line)] + printable(in_flags(line)), soft_wrap=True)
 
 
 def result_table(result: Result, scored: Score | None) -> Table:
@@ -65,12 +68,12 @@ def result_table(result: Result, scored: Score | None) -> Table:
         errors: tuple[str, ...] = ()
         if scored:
             errors = (f"{scored.true_kg[link]:.4f}", "-" if link in hidden else f"{scored.error_kg[link]:+.1e}")
-        table.add_row(*map(Text, row + errors))
+        table.add_row(*map(cell, row + errors))
     if masses.total:
         errors = ()
         if scored:
             errors = (f"{sum(scored.true_kg.values()):.4f}", f"{sum(scored.error_kg.values()):+.1e}")
-        table.add_row(*map(Text, masses.total + errors), style="dim")
+        table.add_row(*map(cell, masses.total + errors), style="dim")
     return table
 
 
@@ -86,7 +89,7 @@ def other_table(result: Result, scored: Score | None) -> Table:
             known = one.name in true
             row.append(f"{true[one.name]:.4f}" if known else "-")
             row.append(f"{scored.quantity_errors[one.name]:+.1e}" if known and one.identifiable else "-")
-        table.add_row(*map(Text, (*row, name)))
+        table.add_row(*map(cell, (*row, name)))
     return table
 
 
@@ -94,8 +97,13 @@ def _table(head: Sequence[str]) -> Table:
     """An empty table of numbers, whose first column names them."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for k, name in enumerate(head):
-        table.add_column(Text(name), justify="right" if k else "left")
+        table.add_column(cell(name), justify="right" if k else "left")
     return table
+
+
+def cell(text: str) -> Text:
+    """What stands in one place of a table, as it is: a name like `arm[left]` is no markup."""
+    return Text(printable(text))
 
 
 def print_result(result: Result, scored: Score | None) -> None:

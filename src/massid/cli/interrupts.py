@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import signal
 import sys
 import threading
@@ -10,6 +11,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 
 _ENDINGS = ("SIGTERM", "SIGHUP")
+_AGAIN_S = 0.02
 
 
 class EndedError(KeyboardInterrupt):
@@ -28,13 +30,22 @@ class EndedError(KeyboardInterrupt):
 def end_on_signals() -> Iterator[None]:
     """Let whatever runs be wound up as after Ctrl-C when the process is to end, instead of stopping where it is.
 
-    What is ignored, as under nohup, stays ignored.
+    What is ignored, as under nohup, stays ignored. Where Python can pass no exception on, as within a library's call
+    back, the signal comes again a little later.
     """
 
     def end(number: int, frame: FrameType | None) -> None:
         raise EndedError(number)
 
+    def unraisable(lost: sys.UnraisableHookArgs) -> None:
+        if isinstance(lost.exc_value, KeyboardInterrupt):
+            number = getattr(lost.exc_value, "number", signal.SIGINT)
+            threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number)).start()
+        else:
+            hook_before(lost)
+
     before = {}
+    hook_before, sys.unraisablehook = sys.unraisablehook, unraisable
     if threading.current_thread() is threading.main_thread():
         for number in (getattr(signal, name) for name in _ENDINGS if hasattr(signal, name)):
             if signal.getsignal(number) == signal.SIG_DFL:
@@ -42,6 +53,7 @@ def end_on_signals() -> Iterator[None]:
     try:
         yield
     finally:
+        sys.unraisablehook = hook_before
         for number, handler in before.items():
             signal.signal(number, handler)
 

@@ -39,16 +39,15 @@ class Page:
     def table(self, title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Add a title with a table."""
         from rich.table import Table
-        from rich.text import Text
 
-        from massid.cli.console import OUT
+        from massid.cli.console import OUT, cell
 
         self._heading(title)
         table = Table(box=None, pad_edge=False, header_style="bold")
         for name in head:
-            table.add_column(Text(name), overflow="fold")
+            table.add_column(cell(name), overflow="fold")
         for row in rows:
-            table.add_row(*(Text(cell) for cell in row))
+            table.add_row(*map(cell, row))
         OUT.print(table)
         self._page.table(head, rows)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from massid.errors import LogError, printable
+from massid.errors import LogError, on_one_line
 from massid.log.alignment import Alignment, align
 from massid.log.clocks import Stream, settle
 from massid.log.columns import TopicColumns
@@ -148,7 +148,7 @@ class _Reader:
             timestep_s=alignment.period_ns / NANOSECONDS,
             segments=alignment.segments,
             metadata=metadata,
-            warnings=tuple(printable(f"{self.source}: {line}") for line in self.warnings),
+            warnings=tuple(on_one_line(f"{self.source}: {line}") for line in self.warnings),
             source=self.source,
             world_wrenches=tuple(name for name, c in contacts.items() if c.layout.frame is Frame.WORLD),
         )

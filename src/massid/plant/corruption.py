@@ -102,7 +102,7 @@ def _load(path: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     try:
-        document = json.loads(path.read_text())
+        document = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise BadInputError(f"Truth file {path} cannot be read as JSON ({error}).") from error
     if not isinstance(document, dict):

@@ -68,7 +68,7 @@ def read_document(path: Path) -> Document:
 def _parse(path: Path) -> Any:
     """JSON as plain values, all of them finite; the standard library's reader can name a number that is not."""
     try:
-        return json.loads(path.read_text(), parse_constant=_finite, parse_float=_finite)
+        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_finite, parse_float=_finite)
     except OSError as error:
         raise BadInputError(f"Cannot read {path}: {error.strerror}.") from error
     except _NotFiniteError as error:

@@ -6,6 +6,7 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from massid.errors import printable
 from massid.model.robot import Robot
 from massid.search.proposal import Role
 from massid.view.motion import Motion
@@ -88,7 +89,7 @@ def _scene(trace: Trace, motion: Motion, robot: Robot) -> rrb.Spatial3DView:
     position = target + motion.height_m * np.array(CAMERA_DIRECTION)
     return rrb.Spatial3DView(
         origin=f"/{WORLD}",
-        name=f"{robot.source}: colour shows each link's {trace.colour_meaning}",
+        name=f"{printable(robot.source)}: colour shows each link's {trace.colour_meaning}",
         background=rrb.Background(kind=rrb.BackgroundKind.SolidColor, color=BACKGROUND),
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.5, color=[255, 255, 255, 28], stroke_width=1.0),
         eye_controls=rrb.EyeControls3D(

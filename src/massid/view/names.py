@@ -49,4 +49,5 @@ def models_path(role: Role) -> str:
 def _path(parts: list[str]) -> str:
     from rerun import new_entity_path  # here, so that the names alone load nothing heavy
 
-    return str(new_entity_path(parts))
+    # Names out of files need not be text; names that differ stay different.
+    return str(new_entity_path([part.encode("utf-8", "backslashreplace").decode() for part in parts]))

@@ -40,6 +40,10 @@ svg{display:block;width:100%;height:auto;margin:.3rem 0 .6rem}svg text{font:12px
 """
 
 
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src 'self' file:; base-uri 'none'; form-action 'none'"
+"""What a browser may do for a page: nothing but draw it, with its own styles and pictures that lie beside it."""
+
+
 @dataclass(frozen=True)
 class Cell:
     """One place in a table.
@@ -132,6 +136,7 @@ class HtmlPage:
         """
         head = (
             element("meta", charset="utf-8"),
+            element("meta", http_equiv="Content-Security-Policy", content=_POLICY),
             element("meta", name="viewport", content="width=device-width"),
             element("title", self._title),
             element("style", Markup(_STYLE)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from massid.view.render import Shot, render_shots
 from massid.view.span import plot_end_s
 from massid.view.table import format_kg
 from massid.view.trace import FLOOR_KG, Trace
+from massid.view.words import in_picture
 from massid.walk import Walk
 
 WIDTH_IN, PLOTS_HEIGHT_IN, ROBOT_HEIGHT_IN, TITLE_HEIGHT_IN = 12.0, 6.6, 3.9, 0.7
@@ -99,7 +101,9 @@ def write_summary_png(path: Path, walk: Walk, robot: Robot, result: Result, scor
         _draw_scores(axes[1, 0], trace, end_s)
         _draw_forces(axes[1, 1], motion, end_s)
         content = BytesIO()
-        figure.savefig(content, format="png", facecolor="white")
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Glyph .* missing")  # a name in another script has boxes
+            figure.savefig(content, format="png", facecolor="white")
     write_file(path, content.getvalue(), make_folder=True)
 
 
@@ -124,7 +128,7 @@ def _title(figure: Any, trace: Trace, robot: Robot, result: Result) -> None:
     masses = "1 link mass" if count == 1 else f"{count} link masses"
     outcome = "" if result.status is Status.CONVERGED else f" ({result.status})"
     figure.suptitle(
-        f"{masses} of {robot.source}, weighed from {result.log_s:.3g} s of walking{outcome}",
+        f"{masses} of {in_picture(robot.source)}, weighed from {result.log_s:.3g} s of walking{outcome}",
         x=0.012,
         ha="left",
         fontsize=15,
@@ -230,11 +234,12 @@ def _draw_masses(axis: Any, trace: Trace, end_s: float) -> None:
 
 
 def _label(trace: Trace, k: int) -> str:
+    name = in_picture(trace.links[k])
     if not trace.identifiable[k]:
-        return f"{trace.links[k]} not identifiable"
+        return f"{name} not identifiable"
     half = trace.half_width_kg[-1, k]
     interval = f" ±{half:.2f}" if np.isfinite(half) else ""
-    return f"{trace.links[k]} {trace.estimate_kg[-1, k]:.2f}{interval} kg"
+    return f"{name} {trace.estimate_kg[-1, k]:.2f}{interval} kg"
 
 
 def _spread(values: FloatArray, gap: float) -> FloatArray:
@@ -280,14 +285,18 @@ def _draw_scores(axis: Any, trace: Trace, end_s: float) -> None:
 
 def _draw_forces(axis: Any, motion: Motion, end_s: float) -> None:
     shown = motion.time_s <= end_s
-    for c, name in enumerate(motion.contact_bodies):
+    lines: list[Any] = []
+    for c in range(len(motion.contact_bodies)):
         colour = colours.FORCE_COLOURS[c % len(colours.FORCE_COLOURS)]
-        axis.plot(motion.time_s[shown], motion.vertical_force[shown, c] / 1e3, color=colour, lw=1.5, label=name)
+        lines += axis.plot(motion.time_s[shown], motion.vertical_force[shown, c] / 1e3, color=colour, lw=1.5)
     axis.set_xlim(0.0, end_s)
     axis.set_xlabel("time in the log [s]")
     axis.set_ylabel("vertical force [kN]")
     axis.set_title("Contact forces")
-    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small")  # beside it, however long names are
+    names = [in_picture(name) for name in motion.contact_bodies]
+    axis.legend(
+        lines, names, loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small"
+    )  # beside it: names are long
 
 
 _ROLE_LABELS: dict[Role, str] = {

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
+from massid.errors import printable
 from massid.model.robot import Robot
 from massid.outputs import write_file
 from massid.result.result import Result
@@ -73,7 +74,7 @@ def write_recording(path: Path, walk: Walk, robot: Robot, result: Result, score:
     stream = rr.RecordingStream(APPLICATION)
     memory = stream.memory_recording()  # its writer of files waits for ever on a disk that is full
     stream.send_blueprint(make_blueprint(trace, motion, robot), make_active=False)
-    stream.send_recording_name(", ".join(result.sources))
+    stream.send_recording_name(printable(", ".join(result.sources)))
     writer = _Writer(stream, motion, trace)
     writer.scene(robot)
     writer.curves()
@@ -234,7 +235,7 @@ class _Writer:
         if not self._trace.has_intervals:
             self._line(path, np.full(len(self._times_s), change_kg), link, colour, 1.0)
             return
-        style = rr.SeriesPoints(colors=[colours.hex_rgba8(colour)], names=[link], marker_sizes=[1.2])
+        style = rr.SeriesPoints(colors=[colours.hex_rgba8(colour)], names=[printable(link)], marker_sizes=[1.2])
         self._stream.log(path, style, static=True)
         times = rr.TimeColumn(SIM_TIME, duration=np.linspace(0.0, float(self._motion.time_s[-1]), DOTS))
         self._stream.send_columns(path, [times], [*rr.Scalars.columns(scalars=np.full(DOTS, change_kg))])
@@ -277,7 +278,10 @@ class _Writer:
     def _style(self, path: str, name: str, colour: str, width: float, step: bool, opacity: float = 1.0) -> None:
         mode = "StepAfter" if step else "Linear"
         style = rr.SeriesLines(
-            colors=[colours.hex_rgba8(colour, opacity)], names=[name], widths=[width], interpolation_mode=mode
+            colors=[colours.hex_rgba8(colour, opacity)],
+            names=[printable(name)],
+            widths=[width],
+            interpolation_mode=mode,
         )
         self._stream.log(path, style, static=True)
 

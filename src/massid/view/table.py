@@ -9,6 +9,7 @@ from massid.result.quantities import Quantity
 from massid.result.result import Result
 from massid.score import Score
 from massid.view.trace import Trace
+from massid.view.words import in_markdown
 
 
 def table_markdown(trace: Trace, update: int, result: Result, score: Score | None) -> str:
@@ -41,8 +42,9 @@ def _row(trace: Trace, update: int, k: int) -> str:
     half = trace.half_width_kg[update, k]
     interval = f" ±{half:.3f}" if np.isfinite(half) else ""
     error = format_error(float(trace.error_kg[update, k]))
+    name = in_markdown(trace.links[k])
     return (
-        f"| {trace.links[k]} | {trace.nominal_kg[k]:.3f} | **{trace.estimate_kg[update, k]:.3f}**{interval} "
+        f"| {name} | {trace.nominal_kg[k]:.3f} | **{trace.estimate_kg[update, k]:.3f}**{interval} "
         f"| {trace.reference_kg[k]:.3f} | {error if trace.identifiable[k] else f'{error} (not identifiable)'} |"
     )
 
@@ -51,7 +53,7 @@ def _quantity(one: Quantity, true: float | None) -> str:
     interval = "" if one.std is None else f" ±{INTERVAL_95 * one.std:.4f}"
     found = f"**{one.estimate:.4f}**{interval}" if one.identifiable else "not identifiable"
     known = "" if true is None else f"{true:.4f}"
-    return f"| {one.name} | {one.nominal:.4f} | {found} | {known} | {one.unit} |"
+    return f"| {in_markdown(one.name)} | {one.nominal:.4f} | {found} | {known} | {one.unit} |"
 
 
 def format_error(error_kg: float) -> str:
