@@ -233,6 +233,20 @@ class Weighing:
         """Nominal mass of each link asked for [kg]."""
         return {one.body: one.nominal for one in self.asked.parameters if isinstance(one, Mass)}
 
+    def asking_for(self, links: Sequence[str]) -> Weighing:
+        """The same logs, from which other links are to be weighed.
+
+        Args:
+            links: whose mass is unknown, and nothing else.
+
+        Raises:
+            ModelError: the robot has no such link.
+        """
+        asked = parameter_space(self.robot, tuple(links))
+        cleans = [one.audit.clean for one in self.prepared]
+        logs = prepare_logs([log.walk for log in self.logs], self.robot, asked, self.options, cleans)
+        return replace(self, asked=asked, logs=logs)
+
     def require_windows(self) -> None:
         """Pass if the logs fill dwell windows: each of them that is replayed, or at least one.
 

@@ -6,14 +6,17 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 
 from massid.assets import sample_walk
-from massid.cli import CONTRADICTED, main
+from massid.cli import CONTRADICTED, NOT_IDENTIFIABLE, main
 from massid.cli.inspect import _lag
 from massid.log import WalkWriter, read_walk, write_walk
+from massid.model.robot import Robot
 from tests.conftest import Pushed
+from tests.pushed_robot import LINKS
 
 ARRAYS = ("stamps_ns", "qpos", "qvel", "effort", "wrench")
 
@@ -106,6 +109,55 @@ def test_inspect_ends_as_identify_would(log: Path, tmp_path: Path, capsys: pytes
     assert "do not fill one dwell window" in capsys.readouterr().err
     assert main(["inspect", str(log), "--links", "torso"]) == 2
     assert "--links are those of a robot: name it (--model)" in capsys.readouterr().err
+
+
+def test_inspect_judges_the_links_that_identify_weighs_and_shows_the_others_below(
+    pushed: Pushed, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A hand that hardly weighs anything is not identifiable, but nobody asked for it."""
+    robot, log = tmp_path / "robot.xml", tmp_path / "walk.mcap"
+    spec = pushed.robot.spec.copy()
+    hand = spec.body("torso").add_body(name="hand", pos=[0.0, 0.3, 0.0])
+    hand.add_joint(name="wrist", type=mujoco.mjtJoint.mjJNT_HINGE)
+    hand.add_geom(size=[0.01, 0.01, 0.01], mass=1e-3, contype=0, conaffinity=0)
+    spec.compile()
+    robot.write_text(spec.to_xml())
+    held = np.zeros((len(pushed.walk), 1))
+    walk = pushed.walk
+    walk = replace(
+        walk,
+        joint_names=(*walk.joint_names, "wrist"),
+        qpos=np.hstack([walk.qpos, held]),
+        qvel=np.hstack([walk.qvel, held]),
+        effort=np.hstack([walk.effort, held]),
+    )
+    write_walk(walk, log)
+    model = ["--model", str(robot)]
+    assert main(["inspect", str(log), *model, "--json", str(tmp_path / "found.json")]) == 0
+    assert main(["identify", str(log), *model, "--dwell-s", "0.2"]) != NOT_IDENTIFIABLE
+    found = json.loads((tmp_path / "found.json").read_text())
+    assert {one["link"] for one in found["links"]} == set(LINKS)
+    assert [one["link"] for one in found["all_links"] if not one["identifiable"]] == ["hand"]
+    said = capsys.readouterr().out
+    assert said.index("If all links were asked for (--links)") > said.index("Verdict")
+    assert main(["inspect", str(log), *model, "--links", "torso,hand"]) == NOT_IDENTIFIABLE
+    assert main(["identify", str(log), *model, "--links", "torso,hand"]) == NOT_IDENTIFIABLE
+
+
+def test_a_robot_whose_links_nobody_can_name_is_refused_by_both(
+    pushed: Pushed, log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def no_legs(self: Robot) -> tuple[str, ...]:
+        return ()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Robot, "default_links", no_legs)
+        arguments = [str(log), "--model", str(tmp_path / "robot.xml")]
+        assert main(["inspect", *arguments]) == main(["identify", *arguments]) == 2
+    said = capsys.readouterr()
+    assert "massid identify wants --links" in said.out
+    assert "torso" in said.out
+    assert "name the links to weigh (--links)" in said.err
 
 
 def test_inspect_without_a_model_still_tells_what_is_in_the_file(log: Path, capsys: pytest.CaptureFixture[str]) -> None:

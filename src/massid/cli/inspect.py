@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,8 +20,9 @@ if TYPE_CHECKING:
     from massid.audit import Audit, Prepared
     from massid.cli.inspection import Inspection
     from massid.cli.report_page import Page
-    from massid.log import LogSummary
+    from massid.log import LogSummary, TopicMap
     from massid.model.robot import Robot
+    from massid.result.verdict import Verdict
     from massid.walk import Walk
     from massid.weighing import Weighing
 
@@ -49,7 +51,8 @@ class Inspect:
     topics: OptionalTopics = None
     """Topic map: a YAML file, or a preset such as ros2 or unitree_g1; default what massid records."""
     links: OptionalLinks = None
-    """Links to judge, separated by commas; default all that move by themselves."""
+    """Links to judge, separated by commas; default those of massid identify, which also set the exit code, and below
+    them all that move by themselves."""
     html: OptionalFile = None
     """Write the same as a page with pictures."""
     json: OptionalFile = None
@@ -77,9 +80,9 @@ class Inspect:
         robot = None if path is None else Robot.load(path)
         if robot is None and self.links is not None:
             raise BadInputError("--links are those of a robot: name it (--model).")
-        links = None if robot is None else self._links(robot)
-        if robot is not None and links is not None:
-            mass_space(robot, links)  # a name that does not exist is told at once
+        named = parse_names("--links", self.links) if self.links is not None else None
+        if robot is not None and named is not None:
+            mass_space(robot, named)  # a name that does not exist is told at once
         found = Inspection([str(log) for log in self.logs], summaries)
         for log, summary in zip(self.logs, summaries, strict=True):
             self._print_topics(page, summary, f" of {log}" if len(self.logs) > 1 else "")
@@ -87,20 +90,31 @@ class Inspect:
         if robot is None:
             page.section("Robot", ["no model given (--model), so the log was not checked against any physics"])
         else:
-            from massid.weighing import Weighing
-
-            job = Weighing.prepare(self.logs, robot, links, topics=topics, held_out=0.0, thorough=True)
-            for prepared in job.prepared:
-                self._print_audit(page, prepared, robot)
-            job.require_windows()
-            code = self._print_verdict(page, job, found)
-            if self.html:
-                for prepared in job.prepared:
-                    page.plot_walk(prepared.walk)
+            code = self._judge(page, robot, named, topics, found)
         if self.html:
             page.write(self.html)
         if self.json:
             found.write(self.json, code)
+        return code
+
+    def _judge(self, page: Page, robot: Robot, named: Sequence[str] | None, topics: TopicMap, found: Inspection) -> int:
+        """Check the logs against a robot; returns the exit code."""
+        from massid.weighing import Weighing
+
+        moving, usual = _moving(robot), robot.default_links()
+        job = Weighing.prepare(self.logs, robot, named or usual or moving, topics=topics, thorough=True)
+        for prepared in job.prepared:
+            self._print_audit(page, prepared, robot)
+        job.require_windows()
+        code = self._print_verdict(page, job, found)
+        if named is None and usual and set(moving) != set(usual):
+            self._print_all(page, job, moving, found)
+        if named is None and not usual:
+            page.section("To weigh", ["massid identify wants --links: this robot has no two legs to find them in"])
+            code = BadInputError.exit_code
+        if self.html:
+            for prepared in job.prepared:
+                page.plot_walk(prepared.walk)
         return code
 
     @staticmethod
@@ -146,34 +160,50 @@ class Inspect:
         Returns:
             The exit code: that of `massid identify` if it would refuse, or weigh with a log that contradicts itself.
         """
-        from massid.cli.console import progress_bar
-        from massid.result.posterior import INTERVAL_95
-
-        with progress_bar("judging") as progress:
-            verdict = job.foresee(progress)
+        verdict = _foresee(job)
         doubts = [doubt for one in job.prepared for doubt in one.audit.doubts]
-        yes = "shown, but see the warnings" if doubts else "identifiable"
-        rows = [
-            (link, f"{nominal:.3f}", f"{INTERVAL_95 * std:.2g}", yes if seen else "not identifiable")
-            for link, nominal, std, seen in zip(
-                verdict.links, verdict.space.nominal, verdict.std, verdict.identifiable, strict=True
-            )
-        ]
-        page.table("Links", ("link", "nominal [kg]", "known to, 95 % [kg]", "verdict"), rows)
+        page.table("Links", _LINK_COLUMNS, _link_rows(verdict, doubts))
         first = ["no mass found from this log means anything before these are settled: " + " ".join(doubts)]
         page.section("Verdict", [*(first if doubts else ()), *verdict.lines()])
         found.judge(job, verdict, doubts)
-        wanted = verdict.links if self.links is not None else job.complete.walking_links() or verdict.links
-        seen = dict(zip(verdict.links, verdict.identifiable.tolist(), strict=True))
-        if not all(seen.get(link, False) for link in wanted):
-            return NOT_IDENTIFIABLE
-        return CONTRADICTED if any(one.audit.misread for one in job.prepared) else 0
+        if any(one.audit.misread for one in job.prepared):
+            return CONTRADICTED
+        return NOT_IDENTIFIABLE if verdict.hidden else 0
 
-    def _links(self, robot: Robot) -> list[str]:
-        """The links that were named, or all that move by themselves."""
-        if self.links is not None:
-            return parse_names("--links", self.links)
-        return [link for link in robot.links if robot.welded_to(link) is None]
+    @staticmethod
+    def _print_all(page: Page, job: Weighing, moving: tuple[str, ...], found: Inspection) -> None:
+        """To what every link's mass could be known if all were asked for; nothing is refused for that."""
+        verdict = _foresee(job.asking_for(moving))
+        doubts = [doubt for one in job.prepared for doubt in one.audit.doubts]
+        page.table("If all links were asked for (--links)", _LINK_COLUMNS, _link_rows(verdict, doubts))
+        found.judge_all(verdict)
+
+
+_LINK_COLUMNS = ("link", "nominal [kg]", "known to, 95 % [kg]", "verdict")
+
+
+def _foresee(job: Weighing) -> Verdict:
+    from massid.cli.console import progress_bar
+
+    with progress_bar("judging") as progress:
+        return job.foresee(progress)
+
+
+def _link_rows(verdict: Verdict, doubts: Sequence[str]) -> list[tuple[str, ...]]:
+    from massid.result.posterior import INTERVAL_95
+
+    yes = "shown, but see the warnings" if doubts else "identifiable"
+    return [
+        (link, f"{nominal:.3f}", f"{INTERVAL_95 * std:.2g}", yes if seen else "not identifiable")
+        for link, nominal, std, seen in zip(
+            verdict.links, verdict.space.nominal, verdict.std, verdict.identifiable, strict=True
+        )
+    ]
+
+
+def _moving(robot: Robot) -> tuple[str, ...]:
+    """Links that move by themselves."""
+    return tuple(link for link in robot.links if robot.welded_to(link) is None)
 
 
 def _share(value: float | None) -> str:

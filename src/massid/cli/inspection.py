@@ -48,25 +48,13 @@ class Inspection:
 
     def judge(self, job: Weighing, verdict: Verdict, doubts: Sequence[str]) -> None:
         """Add what the checks of the logs found, and to what each mass could be known."""
-        from massid.result.posterior import INTERVAL_95
-
         for entry, prepared in zip(self._document["logs"], job.prepared, strict=True):
             entry.update(_checks(prepared))
-        self._document |= {
-            "links": [
-                {
-                    "link": link,
-                    "nominal_kg": float(nominal),
-                    "known_to_kg": INTERVAL_95 * float(std),
-                    "identifiable": seen,
-                }
-                for link, nominal, std, seen in zip(
-                    verdict.links, verdict.space.nominal, verdict.std, verdict.identifiable.tolist(), strict=True
-                )
-            ],
-            "doubts": list(doubts),
-            "verdict": verdict.lines(),
-        }
+        self._document |= {"links": _links(verdict), "doubts": list(doubts), "verdict": verdict.lines()}
+
+    def judge_all(self, verdict: Verdict) -> None:
+        """Add to what every link's mass could be known if all were asked for."""
+        self._document["all_links"] = _links(verdict)
 
     def write(self, path: Path, exit_code: int) -> None:
         """Write it as JSON; what is no finite number becomes null.
@@ -80,6 +68,17 @@ class Inspection:
         document = _finite({**self._document, "exit_code": exit_code})
         write_json(document, path)
         say(f"\nfound: {path}")
+
+
+def _links(verdict: Verdict) -> list[dict[str, Any]]:
+    from massid.result.posterior import INTERVAL_95
+
+    return [
+        {"link": link, "nominal_kg": float(nominal), "known_to_kg": INTERVAL_95 * float(std), "identifiable": seen}
+        for link, nominal, std, seen in zip(
+            verdict.links, verdict.space.nominal, verdict.std, verdict.identifiable.tolist(), strict=True
+        )
+    ]
 
 
 def _checks(prepared: Prepared) -> dict[str, Any]:
