@@ -255,8 +255,14 @@ class Weighing:
         """
         walks, dwell_s = [log.walk for log in self.logs], self.options.dwell_s
         fullest = max(walks, key=lambda walk: len(list(walk.windows(dwell_s))))
-        for walk in walks if self.is_offline else [fullest]:
-            walk.filled_windows(dwell_s)
+        try:
+            for walk in walks if self.is_offline else [fullest]:
+                walk.filled_windows(dwell_s)
+        except LogError as error:
+            doubts = [f"{one.walk.source}: {doubt}" for one in self.prepared for doubt in one.audit.doubts]
+            if doubts:  # what was misread cuts logs, too
+                raise LogError(f"{doubts[0]} What is left besides: {error}") from error
+            raise
 
     def identifier(self) -> OnlineIdentifier:
         """An identifier for a stream of the same robot through the same sensors as the first log's."""

@@ -12,7 +12,7 @@ import pytest
 from massid.assets import sample_walk
 from massid.audit import audit_walk, prepare_walk
 from massid.audit.balance import Balance, measure_balance
-from massid.audit.forces import Rest, check_rest
+from massid.audit.forces import Rest, check_rest, check_weight
 from massid.audit.kinematics import Kinematics, check_kinematics
 from massid.audit.names import without_prefix
 from massid.errors import LogError
@@ -33,12 +33,12 @@ def robot() -> Robot:
 
 
 @cache
-def walked(noise: NoisePreset) -> Walk:
+def walked(noise: NoisePreset, seed: int = 3) -> Walk:
     """The sample walk, nearly straight ahead, through such sensors."""
     walk = robot().align(read_walk(sample_walk()))
     if noise == "clean":
         return walk
-    sensors = Sensors(PRESETS[noise], len(walk.joint_names), walk.contact_bodies, np.random.default_rng(3))
+    sensors = Sensors(PRESETS[noise], len(walk.joint_names), walk.contact_bodies, np.random.default_rng(seed))
     return sensors.measure(walk)
 
 
@@ -71,6 +71,29 @@ def geared(walk: Walk) -> Walk:
     return replace(walk, effort=walk.effort / ratio)
 
 
+def rate_in_degrees(walk: Walk) -> Walk:
+    qvel = walk.qvel.copy()
+    qvel[:, 3:6] = np.degrees(qvel[:, 3:6])
+    return replace(walk, qvel=qvel)
+
+
+def joints(walk: Walk, factor: float, *, positions: bool = False) -> Walk:
+    """Positions or velocities of all joints in another unit, or of the other sign."""
+    qpos, qvel = walk.qpos.copy(), walk.qvel.copy()
+    if positions:
+        qpos[:, 7:] *= factor
+    else:
+        qvel[:, 6:] *= factor
+    return replace(walk, qpos=qpos, qvel=qvel)
+
+
+def sides(walk: Walk) -> list[int]:
+    """The order in which left and right joints of the sample robot change places."""
+    names = walk.joint_names
+    other = {"l_": "r_", "r_": "l_"}
+    return [names.index(other.get(name[:2], name[:2]) + name[2:]) for name in names]
+
+
 def one_turned(walk: Walk) -> Walk:
     effort = walk.effort.copy()
     effort[:, walk.joint_names.index("l_leg_aky")] *= -1.0
@@ -82,6 +105,20 @@ SPOILS: dict[str, tuple[Callable[[Walk], Walk], str]] = {
         lambda w: in_world(w, slice(0, 3)),
         "velocity looks as if it were given in the world (linear_velocity: fr",
     ),
+    "rate in degrees": (
+        rate_in_degrees,
+        "turn rate looks as if it were in degrees per second (angular_velocity: scale",
+    ),
+    "velocities in degrees": (
+        lambda w: joints(w, 180.0 / np.pi),
+        "velocities look as if they were in degrees per second (velocity: scale: 0.0174533)",
+    ),
+    "velocities turned": (lambda w: joints(w, -1.0), "or of the position is turned (velocity: scale: -1)"),
+    "swapped torques": (
+        lambda w: replace(w, effort=w.effort[:, sides(w)]),
+        "the torques of left and right joints look",
+    ),
+    "kgf": (lambda w: wrenches(w, lambda f: f / 9.80665), "look as if they were in kgf and kgf m (contacts: force"),
     "inverse": (inverse, "the attitude looks as if it were that of the world in the body"),
     "sign": (lambda w: replace(w, effort=-w.effort), "torques look as if their sign were turned (effort: scale: -1)"),
     "mN m": (lambda w: replace(w, effort=1e3 * w.effort), "torques look as if they were in mN m (effort: scale: 0.001"),
@@ -108,7 +145,7 @@ def balance(noise: NoisePreset) -> Balance:
 
 
 def judged(walk: Walk, noise: NoisePreset) -> tuple[Kinematics, Rest]:
-    return check_kinematics(walk), check_rest(robot(), walk, balance(noise))
+    return check_kinematics(walk), check_rest(robot(), walk, balance(noise), check_weight(robot(), walk))
 
 
 @pytest.mark.parametrize("noise", NOISES)
@@ -128,9 +165,60 @@ def test_what_is_wrong_is_named_with_the_setting_that_cures_it(kind: str, noise:
     assert kinematics.misread or rest.names_a_setting
 
 
-def test_a_turn_rate_in_the_world_shows_on_a_straight_walk() -> None:
-    (line,) = check_kinematics(in_world(walked("clean"), slice(3, 6))).suspicions
-    assert "angular_velocity: frame: world" in line
+@pytest.mark.parametrize("noise", ["clean", "white"])
+@pytest.mark.parametrize("columns", [slice(0, 3), slice(3, 6)], ids=["velocity", "turn rate"])
+def test_frames_show_on_a_straight_walk_through_noise(columns: slice, noise: NoisePreset) -> None:
+    """However small the difference is: what is left goes along with it. The right frame is never doubted."""
+    what = "angular_velocity: frame: world" if columns.start else "linear_velocity: frame: world"
+    for seed in range(1 if noise == "clean" else 2):
+        found = check_kinematics(in_world(walked(noise, seed), columns))
+        (line,) = found.suspicions
+        assert what in line
+        assert found.misread
+        assert check_kinematics(walked(noise, seed)).suspicions == ()
+
+
+@pytest.mark.parametrize("factor", [1.1, 0.8])
+def test_a_scale_that_is_off_is_told_from_gains_of_sensors(factor: float) -> None:
+    """Without noise any; beside noise only what sensors do not do."""
+    _, rest = judged(replace(walked("clean"), effort=factor * walked("clean").effort), "clean")
+    assert f"(effort: scale: {1 / factor:.3g})" in rest.suspicions[0]
+    assert "or the wrenches" in rest.suspicions[0]  # which of the two are right no balance shows
+    assert rest.names_a_setting
+    _, rest = judged(replace(walked("realistic"), effort=1.02 * walked("realistic").effort), "realistic")
+    assert rest.suspicions == ()
+
+
+def test_left_and_right_joints_that_are_swapped_are_told_from_swapped_feet() -> None:
+    """States as well: the balance is that of another motion, and no force convention is blamed for it."""
+    walk = walked("clean")
+    order = sides(walk)
+    swapped = replace(
+        walk,
+        qpos=np.hstack([walk.qpos[:, :7], walk.qpos[:, 7:][:, order]]),
+        qvel=np.hstack([walk.qvel[:, :6], walk.qvel[:, 6:][:, order]]),
+        effort=walk.effort[:, order],
+        segments=(Segment(0, 1500),),
+    )
+    audit = audit_walk(robot(), swapped)
+    assert "left and right joints look swapped (joints: names, or rename) (then 0%)" in audit.warnings[0]
+    assert audit.misread
+    assert len(audit.doubts) == 1
+
+
+def test_axes_that_point_the_other_way_are_told_by_limits_and_forces() -> None:
+    walk = walked("clean")
+    k = walk.joint_names.index("l_leg_kny")
+    qpos, qvel, effort = walk.qpos.copy(), walk.qvel.copy(), walk.effort.copy()
+    qpos[:, 7 + k] *= -1.0
+    qvel[:, 6 + k] *= -1.0
+    effort[:, k] *= -1.0
+    audit = audit_walk(robot(), replace(walk, qpos=qpos, qvel=qvel, effort=effort, segments=(Segment(0, 1500),)))
+    limit, force = audit.warnings[:2]
+    assert "l_leg_kny" in limit
+    assert "as if their sign were turned" in limit
+    assert "the axes of l_leg_kny look as if they pointed the other way in the model" in force
+    assert audit.misread
 
 
 def test_forces_are_not_blamed_for_a_state_that_was_misread() -> None:
@@ -141,9 +229,11 @@ def test_forces_are_not_blamed_for_a_state_that_was_misread() -> None:
     assert len(audit.doubts) == 1
 
 
-def test_joints_in_degrees_are_told_by_their_limits() -> None:
-    """Positions and velocities alike, so that they agree with each other."""
-    walk = walked("clean")
+@pytest.mark.parametrize("noise", ["clean", "realistic"])
+def test_joints_in_degrees_are_told_by_their_limits(noise: NoisePreset) -> None:
+    """Positions and velocities alike, so that they agree with each other. In such poses links touch: none of that is
+    said, and nothing is cut out of the log for it."""
+    walk = walked(noise)
     qpos, qvel = walk.qpos.copy(), walk.qvel.copy()
     qpos[:, 7:], qvel[:, 6:] = np.degrees(qpos[:, 7:]), np.degrees(qvel[:, 6:])
     spoilt = replace(walk, qpos=qpos, qvel=qvel, segments=(Segment(0, 500),))
@@ -151,6 +241,7 @@ def test_joints_in_degrees_are_told_by_their_limits() -> None:
     (line,) = audit.warnings
     assert "look as if they were in degrees (position: scale: 0.0174533" in line
     assert audit.misread
+    assert audit.walk.segments == spoilt.segments
 
 
 def test_torques_that_are_all_zero_are_refused(pushed: Pushed) -> None:

@@ -63,6 +63,10 @@ def test_conventions_are_undone(foreign: Any, tmp_path: Path) -> None:
     for message in log.messages["/contact/l_foot"]:
         for vector in (message.wrench.force, message.wrench.torque):
             vector.x, vector.y, vector.z = -vector.x, -vector.y, -vector.z
+    for message in log.messages["/contact/r_foot"]:  # in units of 1024 N and 0.25 N m: powers of two lose nothing
+        force, moment = message.wrench.force, message.wrench.torque
+        force.x, force.y, force.z = force.x / 1024.0, force.y / 1024.0, force.z / 1024.0
+        moment.x, moment.y, moment.z = 4.0 * moment.x, 4.0 * moment.y, 4.0 * moment.z
     text = """
 preset: massid
 base:
@@ -73,7 +77,7 @@ joints:
   position: {field: position, scale: 0.017453292519943295}
 contacts:
   - {topic: /contact/l_foot, on: ground}
-  - {topic: /contact/r_foot}
+  - {topic: /contact/r_foot, force: {field: wrench.force, scale: 1024}, torque: {scale: 0.25}}
 """
     walk = read_walk(log.write(), load(tmp_path, text))
     np.testing.assert_array_equal(walk.qpos[:, :7], samples.qpos[:, :7])

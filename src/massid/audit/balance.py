@@ -103,8 +103,12 @@ class Balance:
 
     def effort(self, walk: Walk, robot: Robot, shift: int = 0) -> FloatArray:
         """Measured joint torques, `shift` samples later, as generalised forces, shape (K, nv)."""
+        return self.force_of_torques(walk.effort[self.rows + shift], robot)
+
+    def force_of_torques(self, effort: FloatArray, robot: Robot) -> FloatArray:
+        """Generalised forces of joint torques, shapes (K, n_j) and (K, nv)."""
         force = np.zeros_like(self.required)
-        force[:, robot.layout.joint_dof] = walk.effort[self.rows + shift]
+        force[:, robot.layout.joint_dof] = effort
         return force
 
     def wrench(self, walk: Walk, shift: int = 0) -> FloatArray:

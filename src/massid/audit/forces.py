@@ -16,7 +16,7 @@ from massid.model.kinematics import body_rotations
 from massid.model.robot import Robot
 from massid.typing import FloatArray
 from massid.walk import Walk
-from massid.walk.noise import PRESETS
+from massid.walk.noise import PRESETS, SensorNoise
 from massid.walk.white_noise import CLEAN_VELOCITY, white_level
 
 WEIGHT_RANGE = (0.6, 1.6)
@@ -35,6 +35,8 @@ _RUNGE_KUTTA = (
     "implicitfast is replayed exactly"
 )
 _BETTER, _BETTER_FITTED, _BETTER_IN_NOISE = 0.5, 0.3, 0.7
+_MOST_LEFT = 0.1
+"""Share of the unexplained force that a convention may leave besides what the sensors' noise does: it explains it."""
 _WORTH = 1e-3
 """Share of the required force below which no convention can be wrong."""
 _LEAST_ITERATIONS, _LARGEST_TOLERANCE = 30, 1e-6
@@ -65,6 +67,11 @@ class Weight:
     tilt_rad: float
     loaded: dict[str, float]
     stances: dict[str, int]
+
+    @property
+    def plausible(self) -> bool:
+        """Whether a mass error may be all that is between them."""
+        return WEIGHT_RANGE[0] <= self.measured_kg / self.nominal_kg <= WEIGHT_RANGE[1]
 
 
 def check_weight(robot: Robot, walk: Walk) -> Weight:
@@ -105,7 +112,7 @@ def weight_suspicions(weight: Weight) -> list[str]:
     """What is probably wrong with wrenches that do not carry the robot."""
     ratio = weight.measured_kg / weight.nominal_kg
     said = f"the ground carries {weight.measured_kg:.1f} kg on average, the model weighs {weight.nominal_kg:.1f} kg"
-    if WEIGHT_RANGE[0] <= ratio <= WEIGHT_RANGE[1] and weight.tilt_rad < TILT_RAD:
+    if weight.plausible and weight.tilt_rad < TILT_RAD:
         return []
     if ratio < -WEIGHT_RANGE[0] and ratio > -WEIGHT_RANGE[1]:
         return [f"{said}: the forces look as if they were those on the ground (contacts: on: ground)."]
@@ -171,42 +178,70 @@ class Rest:
         joints: by degree of freedom ("base" for the free joint), the same for it alone.
         suspicions: what is probably wrong, one line each.
         names_a_setting: whether they name the convention that would leave less.
+        blames_wrenches: whether it is one of the wrenches.
+        beyond_noise: whether no convention explains it, and no noise of the sensors.
     """
 
     share: float
     joints: dict[str, float]
     suspicions: tuple[str, ...]
     names_a_setting: bool = False
+    blames_wrenches: bool = False
+    beyond_noise: bool = False
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is left but what the sensors' noise or a simulation's step may leave."""
+        return not (self.names_a_setting or self.beyond_noise)
 
 
-def check_rest(robot: Robot, walk: Walk, balance: Balance) -> Rest:
-    """Look at what the balance leaves over, and for the convention that would leave less."""
+def check_rest(robot: Robot, walk: Walk, balance: Balance, weight: Weight | None = None) -> Rest:
+    """Look at what the balance leaves over, and for the convention that would leave less.
+
+    Args:
+        robot: with nominal masses.
+        walk: aligned with the robot.
+        balance: of this walk.
+        weight: what the ground carries, which tells wrong torques from wrong wrenches.
+    """
     required = balance.smooth(balance.required)
-    effort, wrench = balance.smooth(balance.effort(walk, robot)), balance.smooth(balance.wrench(walk))
+    effort, wrench = walk.effort[balance.rows], walk.wrench[balance.rows]
     size = float(np.linalg.norm(required)) or 1.0
-
-    def left(terms: FloatArray) -> float:
-        return float(np.linalg.norm(balance.unexplained(terms))) / size
-
-    share = left(required - effort - wrench)
-    rest = balance.unexplained(required - effort - wrench).reshape(-1, balance.required.shape[1])
-    joints = _by_joint(robot, rest, required.reshape(rest.shape))
-    noise = np.hypot(_noise_of(robot, walk, balance, len(rest)), _SURE * _slow_errors(robot, walk, balance))
-    said = f"{share:.0%} of the force that the motion took is explained neither by the log nor by any link masses"
-    if share > _WORTH:
-        other = best_convention(robot, walk, balance)
-        then = float(np.linalg.norm(other.rest)) / size
-        within = share <= np.hypot(REST, noise / size)
-        # Noise is left by every convention: beside it, the right one need not leave half.
-        if then < (_BETTER_IN_NOISE if within else _BETTER_FITTED if other.fitted else _BETTER) * share:
-            return Rest(share, joints, (f"{said}: {other.reason} (then {then:.0%}).",), names_a_setting=True)
-        if within:
-            return Rest(share, joints, _of_simulation(robot, walk, share))
-    else:
+    supplied = balance.smooth(balance.force_of_torques(effort, robot) + balance.force_of(wrench))
+    rest = balance.unexplained(required - supplied)
+    share = float(np.linalg.norm(rest)) / size
+    joints = _by_joint(robot, rest.reshape(-1, balance.required.shape[1]), required.reshape(-1, robot.model.nv))
+    if share <= _WORTH:
         return Rest(share, joints, _of_simulation(robot, walk, share))
+    white = _noise_of(robot, walk, balance, len(rest) // balance.required.shape[1])
+
+    def allowed(effort: FloatArray, wrench: FloatArray) -> float:
+        noise = np.hypot(white, _SURE * _slow_errors(robot, walk, balance, effort, wrench))
+        return float(np.hypot(REST, noise / size))
+
+    within = share <= allowed(effort, wrench)
+    carried = weight is None or weight.plausible
+    gain = _slow_noise(walk).effort_gain
+    other = best_convention(robot, walk, balance, carried=carried, gain=gain)
+    then = float(np.linalg.norm(other.rest)) / size
+    said = f"{share:.0%} of the force that the motion took is explained neither by the log nor by any link masses"
+    # Noise is left by every convention: beside it, the right one need not leave half. But it leaves little else.
+    better = _BETTER_IN_NOISE if within else _BETTER_FITTED if other.fitted else _BETTER
     worst = sorted(joints, key=lambda name: -joints[name])[:_SHOWN]
+    if other.of_gains and _implicit_servos(robot, worst):
+        better = 0.0
+    if then < better * share and then < max(_MOST_LEFT * share, allowed(other.effort, other.wrench)):
+        return Rest(
+            share,
+            joints,
+            (f"{said}: {other.reason} (then {then:.0%}).",),
+            names_a_setting=True,
+            blames_wrenches=not np.array_equal(other.wrench, wrench),
+        )
+    if within:
+        return Rest(share, joints, _of_simulation(robot, walk, share))
     listed = ", ".join(f"{name} {joints[name]:.0%}" for name in worst)
-    return Rest(share, joints, (f"{said}, most of it at {listed}: {_reason(robot, worst)}.",))
+    return Rest(share, joints, (f"{said}, most of it at {listed}: {_reason(robot, worst)}.",), beyond_noise=True)
 
 
 def _noise_of(robot: Robot, walk: Walk, balance: Balance, count: int) -> float:
@@ -230,11 +265,16 @@ def _noise_of(robot: Robot, walk: Walk, balance: Balance, count: int) -> float:
     return float(_MARGIN * np.sqrt(count) * np.linalg.norm(force * balance.weight))
 
 
-def _slow_errors(robot: Robot, walk: Walk, balance: Balance) -> float:
+def _slow_noise(walk: Walk) -> SensorNoise:
+    """Offsets and gains in proportion to the white noise of a log."""
+    return _SLOW.scaled(white_level(walk.qvel[:, 6:]) / _SLOW.joint_velocity)
+
+
+def _slow_errors(robot: Robot, walk: Walk, balance: Balance, effort: FloatArray, wrench: FloatArray) -> float:
     """Norm of what offsets and gains of torque and force sensors leave unexplained, weighted as the balance is."""
-    slow = _SLOW.scaled(white_level(walk.qvel[:, 6:]) / _SLOW.joint_velocity)
+    slow = _slow_noise(walk)
     steps = np.ones((len(balance.rows), 1))
-    effort, wrench = walk.effort[balance.rows], walk.wrench[balance.rows].reshape(len(steps), -1)
+    wrench = wrench.reshape(len(steps), -1)
     jacobian = balance.jacobian.reshape(len(steps), -1, robot.model.nv)
     sources: list[FloatArray] = []
     for column, dof in enumerate(robot.layout.joint_dof):
@@ -245,11 +285,6 @@ def _slow_errors(robot: Robot, walk: Walk, balance: Balance) -> float:
         if column % 6 < 3:
             sources.append(slow.force_offset * jacobian[:, column])
     return float(np.sqrt(sum(np.sum(balance.unexplained(balance.smooth(force)) ** 2) for force in sources)))
-
-
-def wrench_shape(balance: Balance) -> tuple[int, int, int, int]:
-    """Shape of wrenches split into force and moment: (K, n_c, 2, 3)."""
-    return (len(balance.rows), balance.rotation.shape[1], 2, 3)
 
 
 def _by_joint(robot: Robot, rest: FloatArray, required: FloatArray) -> dict[str, float]:
@@ -305,14 +340,8 @@ def _reason(robot: Robot, worst: list[str]) -> str:
         return 'the model has no gravity (<option gravity="..."/>, <flag gravity="disable"/>)'
     if takes_stages(model):
         return _RUNGE_KUTTA
-    servos = [
-        model.actuator(a).name or model.joint(int(model.actuator_trnid[a, 0])).name
-        for a in range(model.nu)
-        if model.actuator_biasprm[a, 2] != 0.0
-        and int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT)
-        and model.joint(int(model.actuator_trnid[a, 0])).name in worst
-    ]
-    if servos and int(model.opt.integrator) in _IMPLICIT:
+    servos = _implicit_servos(robot, worst)
+    if servos:
         return (
             f"{servos[0]} is a servo whose torque depends on velocity, and the model's integrator is implicit: the "
             "torque at the start of a step is then not what acted over it; log the torque that makes the step, or use "
@@ -324,3 +353,17 @@ def _reason(robot: Robot, worst: list[str]) -> str:
     )
     early = stopped_early(model)
     return checked if early is None else f"{checked}; or {early}"
+
+
+def _implicit_servos(robot: Robot, joints: Sequence[str]) -> list[str]:
+    """Actuators of some joints whose torque depends on velocity, under an implicit integrator."""
+    model = robot.model
+    if int(model.opt.integrator) not in _IMPLICIT:
+        return []
+    return [
+        model.actuator(a).name or model.joint(int(model.actuator_trnid[a, 0])).name
+        for a in range(model.nu)
+        if model.actuator_biasprm[a, 2] != 0.0
+        and int(model.actuator_trntype[a]) == int(mujoco.mjtTrn.mjTRN_JOINT)
+        and model.joint(int(model.actuator_trnid[a, 0])).name in joints
+    ]

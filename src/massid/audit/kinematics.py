@@ -8,6 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from massid.audit.base_motion import BaseMotion
+from massid.audit.frames import frame_share
 from massid.typing import FloatArray, IntArray
 from massid.walk import Walk
 from massid.walk.conventions import to_body, to_world
@@ -39,7 +41,7 @@ class Kinematics:
         attitude: of the base's attitude; None if it hardly turns.
         joints: by joint, of those that move.
         suspicions: what is probably wrong, one line each.
-        misread: whether another convention of the base explains what this one does not.
+        misread: whether another convention explains what this one does not.
     """
 
     position: float | None
@@ -54,7 +56,7 @@ def check_kinematics(walk: Walk) -> Kinematics:
     starts, span = _spans(walk, SPAN_S)
     if not len(starts):
         return Kinematics(None, None, {}, ())
-    base = _Base.of(walk)
+    base = BaseMotion.of(walk)
     position = _mismatch(base, starts, span, "position")
     attitude = _mismatch(base, starts, span, "attitude")
     of_base = [
@@ -62,13 +64,13 @@ def check_kinematics(walk: Walk) -> Kinematics:
         _suspect_base(walk, base, "position", "base position and velocity disagree by", _POSITION_TRIALS),
     ]
     joints, scales = _joint_mismatch(walk, starts, span)
-    suspicions = [one.text for one in of_base if one is not None] + _joint_suspicions(joints, scales)
+    found = [one for one in (*of_base, _suspect_joints(joints, scales)) if one is not None]
     return Kinematics(
         None if position is None else position.share,
         None if attitude is None else attitude.share,
         {name: one.share for name, one in joints.items()},
-        tuple(suspicions),
-        misread=any(one is not None and one.explained for one in of_base),
+        tuple(one.text for one in found),
+        misread=any(one.explained for one in found),
     )
 
 
@@ -114,35 +116,7 @@ def _left(moved: FloatArray, expected: FloatArray, least: float, noise: float) -
     return _Mismatch(float(np.sqrt(max(0.0, rest))) / max(size, wanted), squares)
 
 
-@dataclass(frozen=True)
-class _Base:
-    """Motion of the base alone, which is little to hold in several conventions.
-
-    Attributes:
-        position: of the base [m], shape (n, 3).
-        attitude: unit quaternions wxyz, shape (n, 4).
-        linear: velocity in the world [m/s], shape (n, 3).
-        angular: turn rate in the body [rad/s], shape (n, 3).
-        step_s: sample period [s].
-    """
-
-    position: FloatArray
-    attitude: FloatArray
-    linear: FloatArray
-    angular: FloatArray
-    step_s: float
-
-    @classmethod
-    def of(cls, walk: Walk) -> _Base:
-        return cls(walk.qpos[:, :3], walk.qpos[:, 3:7], walk.qvel[:, :3], walk.qvel[:, 3:6], walk.timestep_s)
-
-    def reordered(self, order: list[int]) -> _Base:
-        """With the attitude's four numbers in another order; the velocity was turned by the attitude as it was read."""
-        attitude = self.attitude[:, order]
-        return replace(self, attitude=attitude, linear=to_world(attitude, to_body(self.attitude, self.linear)))
-
-
-def _mismatch(base: _Base, starts: IntArray, span: int, what: str) -> _Mismatch | None:
+def _mismatch(base: BaseMotion, starts: IntArray, span: int, what: str) -> _Mismatch | None:
     """What the base's velocity leaves of the moves of its position, or its turn rate of those of its attitude."""
     if what == "position":
         p = base.position
@@ -178,7 +152,7 @@ class _Suspicion:
     explained: bool
 
 
-def _suspect_base(walk: Walk, base: _Base, what: str, text: str, trials: dict[str, str]) -> _Suspicion | None:
+def _suspect_base(walk: Walk, base: BaseMotion, what: str, text: str, trials: dict[str, str]) -> _Suspicion | None:
     """Try the other conventions; name the one that explains most, or say so if none does and too much is left."""
     others = {reason: _CHANGES[change](base) for reason, change in trials.items()}
     for span_s in (SPAN_S, *LONG_SPANS_S):
@@ -198,6 +172,11 @@ def _suspect_base(walk: Walk, base: _Base, what: str, text: str, trials: dict[st
             best = min(better, key=lambda reason: float(better[reason].squares.mean()))
             said = f"{text} {given.share:.1%} of the motion: {best} (then {better[best].share:.1%})."
             return _Suspicion(said, explained=True)
+    for reason in trials:
+        if reason in _FRAMES and (share := frame_share(base, others[reason], what)) is not None:
+            return _Suspicion(
+                f"{text} little, but all along the walk: {reason}, which explains {share:.0%} of it.", explained=True
+            )
     starts, span = _spans(walk, SPAN_S)
     given = _mismatch(base, starts, span, what)
     if given is None or given.share <= MISMATCH:
@@ -217,7 +196,8 @@ def _gains_all_along(given: _Mismatch, other: _Mismatch) -> bool:
     return bool(gains.mean() > min(_SURE * deviation, 0.5 * given.squares.mean()))
 
 
-_CHANGES: dict[str, Callable[[_Base], _Base]] = {
+_DEGREE = np.pi / 180.0
+_CHANGES: dict[str, Callable[[BaseMotion], BaseMotion]] = {
     "was wxyz": lambda base: base.reordered([1, 2, 3, 0]),  # read as xyzw, x stands where w should
     "was xyzw": lambda base: base.reordered([3, 0, 1, 2]),
     "inverse": lambda base: replace(base, attitude=base.attitude * (1.0, -1.0, -1.0, -1.0)),
@@ -225,6 +205,9 @@ _CHANGES: dict[str, Callable[[_Base], _Base]] = {
     "linear was body": lambda base: replace(base, linear=to_world(base.attitude, base.linear)),
     "angular was world": lambda base: replace(base, angular=to_body(base.attitude, base.angular)),
     "angular was body": lambda base: replace(base, angular=to_world(base.attitude, base.angular)),
+    "angular was degrees": lambda base: replace(base, angular=_DEGREE * base.angular),
+    "position was mm": lambda base: replace(base, position=1e-3 * base.position),
+    "linear was mm": lambda base: replace(base, linear=1e-3 * base.linear),
 }
 _ATTITUDE_TRIALS = {
     "the attitude looks as if it were stored as wxyz (orientation: order: wxyz)": "was wxyz",
@@ -232,6 +215,9 @@ _ATTITUDE_TRIALS = {
     "the turn rate looks as if it were given in the world (angular_velocity: frame: world)": "angular was world",
     "the turn rate looks as if it were given in the body (angular_velocity: frame: body)": "angular was body",
     "the attitude looks as if it were that of the world in the body, the inverse": "inverse",
+    "the turn rate looks as if it were in degrees per second (angular_velocity: scale: 0.0174533)": (
+        "angular was degrees"
+    ),
 }
 _POSITION_TRIALS = {
     "the velocity looks as if it were given in the world (linear_velocity: frame: world; the turn rate, too?)": (
@@ -240,6 +226,13 @@ _POSITION_TRIALS = {
     "the velocity looks as if it were given in the body (linear_velocity: frame: body)": "linear was body",
     "the attitude looks as if it were stored as wxyz (orientation: order: wxyz)": "was wxyz",
     "the attitude looks as if it were stored as xyzw (orientation: order: xyzw)": "was xyzw",
+    "the position looks as if it were in millimetres (position: scale: 0.001)": "position was mm",
+    "the velocity looks as if it were in millimetres per second (linear_velocity: scale: 0.001)": "linear was mm",
+}
+_FRAMES = {
+    reason
+    for reason, change in (*_ATTITUDE_TRIALS.items(), *_POSITION_TRIALS.items())
+    if change.startswith(("linear was world", "linear was body", "angular was world", "angular was body"))
 }
 
 
@@ -265,25 +258,30 @@ def _joint_mismatch(
     return joints, scales
 
 
-def _joint_suspicions(joints: dict[str, _Mismatch], scales: dict[str, tuple[float, float]]) -> list[str]:
+def _suspect_joints(joints: dict[str, _Mismatch], scales: dict[str, tuple[float, float]]) -> _Suspicion | None:
     wrong = {
         name: one.share
         for name, one in joints.items()
         if one.share > MISMATCH or (one.share > _SCALED and scales[name][1] < _BETTER * one.share)
     }
     if not wrong:
-        return []
+        return None
     worst = max(wrong, key=lambda name: wrong[name])
     scale, left = scales[worst]
+    explained = left < _BETTER * wrong[worst]
+    named = True
     why = "positions and velocities may be in another order than the joint names, or of another time"
     if abs(scale + 1.0) < 0.2:
         why = "the sign of the velocity or of the position is turned (velocity: scale: -1)"
     elif 45.0 < abs(scale) < 70.0:
-        why = "positions look as if they were in degrees (scale: 0.0174533)"
+        why = "positions look as if they were in degrees (position: scale: 0.0174533)"
     elif 1 / 70.0 < abs(scale) < 1 / 45.0:
-        why = "velocities look as if they were in degrees per second (scale: 0.0174533)"
-    elif abs(scale) < 0.5 or abs(scale) > 2.0 or left < _BETTER * wrong[worst]:
-        why = f"moves are {scale:.3g} times what the velocities give; check the units"
+        why = "velocities look as if they were in degrees per second (velocity: scale: 0.0174533)"
+    else:
+        named = False
+        if abs(scale) < 0.5 or abs(scale) > 2.0 or explained:
+            why = f"moves are {scale:.3g} times what the velocities give; check the units"
     listed = ", ".join(sorted(wrong, key=lambda name: -wrong[name])[:5])
     more = f" and {len(wrong) - 5} more" if len(wrong) > 5 else ""
-    return [f"position and velocity of {listed}{more} disagree by up to {wrong[worst]:.0%} of the motion: {why}."]
+    said = f"position and velocity of {listed}{more} disagree by up to {wrong[worst]:.0%} of the motion: {why}."
+    return _Suspicion(said, explained=explained and named)

@@ -109,9 +109,8 @@ def prepare_walk(
             f"before, {lag.rest_after:.1%} after)." + _at_limit(lag, walk),
         )
     if not audit.walk.segments:
-        raise LogError(
-            f"{walk.source}: nothing usable is left: {audit.warnings[-1] if audit.warnings else 'no samples'}"
-        )
+        why = audit.doubts[0] if audit.doubts else audit.warnings[-1] if audit.warnings else "no samples"
+        raise LogError(f"{walk.source}: nothing usable is left: {why.removeprefix(f'{walk.source}: ')}")
     ready = audit.walk
     if not coarse and factor == FACTOR and (inner := with_inner_steps(robot, walk, ready)) is not None:
         ready = inner

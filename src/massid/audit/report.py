@@ -6,11 +6,18 @@ from dataclasses import dataclass
 
 from massid.audit.balance import measure_balance
 from massid.audit.forces import REST, Rest, Weight, check_rest, check_weight, torque_suspicions, weight_suspicions
+from massid.audit.joint_readings import better_reading
 from massid.audit.kinematics import Kinematics, check_kinematics
 from massid.audit.lag import Lag, estimate_lag, lag_margin
-from massid.audit.limits import in_degrees, limit_suspicions
+from massid.audit.limits import in_degrees, limit_suspicions, turned_joints
 from massid.audit.one_step import OneStep, one_step_residual
-from massid.audit.self_contact import SelfContact, find_self_contact, self_contact_warnings, without_samples
+from massid.audit.self_contact import (
+    SelfContact,
+    find_self_contact,
+    no_self_contact,
+    self_contact_warnings,
+    without_samples,
+)
 from massid.model.robot import Robot
 from massid.walk import Walk
 
@@ -64,33 +71,52 @@ def audit_walk(robot: Robot, walk: Walk, *, thorough: bool = False) -> Audit:
         LogError: the log does not fit the robot.
     """
     walk = robot.align(walk)
-    kinematics = check_kinematics(walk)
-    contact = find_self_contact(robot, walk)
-    lines = [*kinematics.suspicions, *limit_suspicions(robot, walk), *self_contact_warnings(contact)]
+    kinematics, limits = check_kinematics(walk), limit_suspicions(robot, walk)
+    misread = kinematics.misread or in_degrees(robot, walk)
+    doubts = [*kinematics.suspicions, *(limits if misread or turned_joints(robot, walk) else ())]
+    lines = [*kinematics.suspicions, *limits]
+    # Links that are where they are not touch each other: that would blame the geometry, and cut the log to pieces.
+    contact = no_self_contact(walk) if misread else find_self_contact(robot, walk)
     if contact.samples.any():
         walk = without_samples(walk, contact.samples)
     weight = check_weight(robot, walk)
-    doubts = list(kinematics.suspicions)
-    misread = kinematics.misread
-    if in_degrees(robot, walk):
-        doubts += limit_suspicions(robot, walk)
-        misread = True
-    if not misread:  # in a wrong pose every force leans
-        doubts += weight_suspicions(weight)
-        lines += weight_suspicions(weight)
-    lines += torque_suspicions(robot, walk)
     balance = measure_balance(robot, walk, lag_margin(walk))
     lag = rest = one_step = None
     if balance is not None:
         lag = estimate_lag(robot, walk, balance)
         if lag is None or not lag.believed:
-            rest = check_rest(robot, walk, balance)
-            # With a wrong state no force fits: then the state's own suspicion is the one to follow.
-            told = rest.suspicions if not (misread or kinematics.suspicions) or rest.names_a_setting else ()
-            lines += told
-            doubts += told if rest.share > REST else ()
-            misread |= rest.names_a_setting
+            rest = check_rest(robot, walk, balance, weight)
         if thorough:
             one_step = one_step_residual(robot, walk, balance)
+    lines += torque_suspicions(robot, walk)
+    if not misread:  # with a wrong state no force fits, and in a wrong pose every force leans
+        forces = _of_forces(robot, walk, weight, rest, state_is_sound=not (kinematics.suspicions or limits))
+        lines += forces.lines
+        doubts += forces.doubts
+        misread = forces.misread
+    lines += self_contact_warnings(contact)
     warnings = tuple(f"{walk.source}: {line}" for line in lines)
     return Audit(walk, kinematics, weight, contact, lag, rest, one_step, warnings, tuple(doubts), misread)
+
+
+@dataclass(frozen=True)
+class _Forces:
+    """What is wrong with the forces of a log: lines, those that are doubts, and whether another reading explains it."""
+
+    lines: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    misread: bool = False
+
+
+def _of_forces(robot: Robot, walk: Walk, weight: Weight, rest: Rest | None, *, state_is_sound: bool) -> _Forces:
+    """The reading that explains them first; without one, what the weight and the balance say."""
+    of_weight = tuple(weight_suspicions(weight))
+    if rest is None:
+        return _Forces(of_weight, of_weight)
+    if rest.names_a_setting:
+        also = () if rest.blames_wrenches else of_weight
+        return _Forces((*rest.suspicions, *also), (*rest.suspicions, *also), misread=True)
+    if rest.beyond_noise and (reason := better_reading(robot, walk, rest)) is not None:
+        return _Forces((reason,), (reason,), misread=True)
+    told = rest.suspicions if state_is_sound else ()
+    return _Forces((*of_weight, *told), (*of_weight, *(told if rest.share > REST else ())))

@@ -78,6 +78,11 @@ def find_self_contact(robot: Robot, walk: Walk) -> SelfContact:
     return SelfContact(marked, dict(counts), tuple(names[pair] for pair in always))
 
 
+def no_self_contact(walk: Walk) -> SelfContact:
+    """What is found where nobody looked."""
+    return SelfContact(np.zeros(len(walk), dtype=bool), {}, ())
+
+
 def without_samples(walk: Walk, left_out: BoolArray) -> Walk:
     """Cut a walk's segments where samples are left out; what remains of a segment has at least two samples."""
     segments = []

@@ -176,6 +176,8 @@ def read_contact(layout: ContactMap, key: str, columns: TopicColumns, lag_s: flo
     paths = (*layout.force, *layout.torque)
     names = list(paths) if len(paths) == found else [f"{path}.{axis}" for path in paths for axis in "xyz"]
     check_finite(columns, values, names)
+    if (layout.force_scale, layout.torque_scale) != (1.0, 1.0):
+        values *= np.repeat([layout.force_scale, layout.torque_scale], 3)
     if layout.on is On.GROUND:
         np.negative(values, out=values)
     if layout.rotation != ContactMap.rotation:

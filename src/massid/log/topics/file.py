@@ -287,6 +287,16 @@ def _joints(node: _Node) -> JointMap:
     )
 
 
+def _scaled_fields(group: _Node, key: str, fresh: tuple[str, ...]) -> tuple[tuple[str, ...], float]:
+    """Read the fields of a vector and what to multiply them by; a scale alone leaves the usual fields."""
+    node = group.child(key)
+    if not isinstance(node.value, dict):
+        return (node.texts() if group.has(key) else fresh), 1.0
+    node.mapping(("field", "scale"))
+    fields = _fields(node.child("field")) if node.has("field") else fresh
+    return fields, node.child("scale").number() if node.has("scale") else 1.0
+
+
 def _contact(node: _Node) -> ContactMap:
     node.mapping(("topic", "body", "force", "torque", "on", "frame", "position", "rotation", "silence"))
     fresh = ContactMap()
@@ -296,11 +306,15 @@ def _contact(node: _Node) -> ContactMap:
     if not abs(norm - 1.0) < 1e-3:
         raise LogError(f"{node.where}: rotation has norm {norm:.4g}, expected a unit quaternion (wxyz).")
     w, i, j, k = (value / norm for value in rotation)
+    force, force_scale = _scaled_fields(node, "force", fresh.force)
+    torque, torque_scale = _scaled_fields(node, "torque", fresh.torque)
     return ContactMap(
         topic=node.child("topic").text(),
         body=_name(node.child("body")) if node.has("body") else fresh.body,
-        force=node.child("force").texts() if node.has("force") else fresh.force,
-        torque=node.child("torque").texts() if node.has("torque") else fresh.torque,
+        force=force,
+        torque=torque,
+        force_scale=force_scale,
+        torque_scale=torque_scale,
         on=node.child("on").choice(On, On.ROBOT),
         frame=node.child("frame").choice(Frame, Frame.BODY),
         position=(x, y, z),

@@ -164,6 +164,8 @@ class ContactMap:
         body: name of the body, or where the messages hold it.
         force: path of the force [N], or of each of its components.
         torque: path of the moment [N m], or of each of its components.
+        force_scale: the forces times this are in newtons.
+        torque_scale: the moments times this are in newton metres.
         on: what the force acts on.
         frame: in which frame the wrench is expressed.
         position: origin of the sensor in the body's frame [m].
@@ -175,6 +177,8 @@ class ContactMap:
     body: str | TextField = TextField("header.frame_id")
     force: tuple[str, ...] = ("wrench.force",)
     torque: tuple[str, ...] = ("wrench.torque",)
+    force_scale: float = 1.0
+    torque_scale: float = 1.0
     on: On = On.ROBOT
     frame: Frame = Frame.BODY
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
