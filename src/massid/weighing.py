@@ -14,7 +14,7 @@ from typing import Literal, TypeAlias, get_args
 import mujoco
 
 from massid.assets import find_model_by_hash, resolve_model
-from massid.audit import Prepared, prepare_walks
+from massid.audit import Prepared, differing_masses, prepare_walks
 from massid.errors import BadInputError, LogError, StoppedError
 from massid.identify import IdentifyOptions, OnlineIdentifier, identify_offline, identify_online
 from massid.identify.logs import PreparedLog
@@ -132,6 +132,7 @@ class Weighing:
         may_replay: whether they are if one pass over logs without noise does not suffice.
         options: how to identify.
         warnings: what the user should know, one line each.
+        differing: those of them that say which logs are of robots with different masses.
     """
 
     complete: Robot
@@ -143,6 +144,7 @@ class Weighing:
     may_replay: bool
     options: IdentifyOptions
     warnings: tuple[str, ...]
+    differing: tuple[str, ...] = ()
 
     @classmethod
     def prepare(
@@ -197,6 +199,7 @@ class Weighing:
             prepared = prepare_walks(
                 sources, complete, topic_map, read, thorough=thorough, interpolate=options.noise == "clean"
             )
+            differing = differing_masses(prepared)
             weighed = prepared[0].robot
             asked = parameter_space(weighed, named_links(weighed, links), unknowns)
             parts = [hold_out(one.walk, held_out) for one in prepared]
@@ -210,6 +213,7 @@ class Weighing:
             *complete.notes,
             *_on_compensation(weighed, asked),
             *(warning for one in prepared for warning in one.walk.warnings),
+            *differing,
         ]
         return cls(
             complete=complete,
@@ -221,6 +225,7 @@ class Weighing:
             may_replay=mode == "auto" and not is_offline,
             options=options,
             warnings=(*said, *(doubt for log in fitted for doubt in log.doubts), *idle_options(options, noisy)),
+            differing=differing,
         )
 
     @property
@@ -232,6 +237,16 @@ class Weighing:
     def nominal_kg(self) -> dict[str, float]:
         """Nominal mass of each link asked for [kg]."""
         return {one.body: one.nominal for one in self.asked.parameters if isinstance(one, Mass)}
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What makes any masses found from the logs meaningless until it is settled, one line each."""
+        return (*(doubt for one in self.prepared for doubt in one.audit.doubts), *self.differing)
+
+    @property
+    def denied(self) -> bool:
+        """Whether the logs contradict how they were read, or each other: no search finds the masses then."""
+        return any(one.audit.misread for one in self.prepared) or bool(self.differing)
 
     def asking_for(self, links: Sequence[str]) -> Weighing:
         """The same logs, from which other links are to be weighed.
@@ -294,8 +309,8 @@ class Weighing:
             result = identify(self.logs, self.robot, self.options, progress, stop)
             if self.may_replay and result.status is Status.NOT_CONVERGED and not result.stopped:
                 result = self._replayed(result, progress, stop)
-        if any(one.audit.misread for one in self.prepared):
-            result = result.denied(settled_or_not=True)  # of what was read wrongly no search finds the masses
+        if self.denied:
+            result = result.denied(settled_or_not=True)
         evidence = Evidence(
             robot=self.robot,
             complete=self.complete,

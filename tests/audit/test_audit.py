@@ -135,7 +135,7 @@ def _joint(walk: Walk, column: int, factor: float) -> Walk:
             lambda w: _with(w, "wrench", w.wrench / 9.81),
             "wrenches look as if they were in kgf and kgf m .contacts: force, torque: scale: 9.81",
         ),
-        (lambda w: _with(w, "wrench", 10.0 * w.wrench), "10.. times too large .contacts: force, torque: scale: 0"),
+        (lambda w: _with(w, "wrench", 10.0 * w.wrench), " times too large .contacts: force, torque: scale: 0"),
         (lambda w: _with(w, "effort", -w.effort), "torques look as if their sign were turned"),
         (lambda w: _with(w, "effort", w.effort[:, ::-1].copy()), "check the torques .* the joint order"),
         (lambda w: _joint(w, 2, -1.0), "position and velocity of l_knee disagree .* the sign"),

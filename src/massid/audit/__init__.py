@@ -2,5 +2,6 @@
 
 from massid.audit.prepare import Prepared, prepare_walk, prepare_walks
 from massid.audit.report import Audit, audit_walk
+from massid.audit.same_robot import differing_masses
 
-__all__ = ["Audit", "Prepared", "audit_walk", "prepare_walk", "prepare_walks"]
+__all__ = ["Audit", "Prepared", "audit_walk", "differing_masses", "prepare_walk", "prepare_walks"]

@@ -61,10 +61,12 @@ class Convention:
     of_gains: bool = False
 
 
-def best_convention(
+def likely_conventions(
     robot: Robot, walk: Walk, balance: Balance, *, carried: bool = True, gain: float = 0.0
-) -> Convention:
-    """The convention that leaves least, of those that are got wrong most often.
+) -> tuple[Convention, ...]:
+    """The convention that leaves least, of those that are got wrong most often, and factors of single joints.
+
+    These always leave less: they come first only where they are worth it.
 
     Args:
         robot: with nominal masses.
@@ -90,11 +92,11 @@ def best_convention(
     simple = min(others, key=lambda one: float(np.linalg.norm(one.rest)))
     by_joint = _by_joint(robot, walk, balance)
     if by_joint is None:
-        return simple
-    # One factor for each joint always leaves less: it must be worth it.
+        return (simple,)
     explains = np.linalg.norm(simple.rest) < _CONVINCING * np.linalg.norm(given)
     worth = _MUCH_LESS if explains else _LESS
-    return by_joint if np.linalg.norm(by_joint.rest) < worth * np.linalg.norm(simple.rest) else simple
+    is_worth_it = np.linalg.norm(by_joint.rest) < worth * np.linalg.norm(simple.rest)
+    return (by_joint, simple) if is_worth_it else (simple, by_joint)
 
 
 def _readings(robot: Robot, walk: Walk, balance: Balance) -> Iterator[tuple[str, FloatArray, FloatArray]]:

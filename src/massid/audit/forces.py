@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
 from massid.audit.balance import Balance
-from massid.audit.conventions import best_convention
+from massid.audit.conventions import likely_conventions
 from massid.errors import LogError
 from massid.model.inverse import takes_stages
 from massid.model.kinematics import body_rotations
@@ -177,7 +177,7 @@ class Rest:
         share: of the required force, root mean square over all degrees of freedom.
         joints: by degree of freedom ("base" for the free joint), the same for it alone.
         suspicions: what is probably wrong, one line each.
-        names_a_setting: whether they name the convention that would leave less.
+        then: what the convention that they name would leave; None if they name none.
         blames_wrenches: whether it is one of the wrenches.
         beyond_noise: whether no convention explains it, and no noise of the sensors.
     """
@@ -185,9 +185,14 @@ class Rest:
     share: float
     joints: dict[str, float]
     suspicions: tuple[str, ...]
-    names_a_setting: bool = False
+    then: float | None = None
     blames_wrenches: bool = False
     beyond_noise: bool = False
+
+    @property
+    def names_a_setting(self) -> bool:
+        """Whether another convention explains it."""
+        return self.then is not None
 
     @property
     def sound(self) -> bool:
@@ -216,28 +221,31 @@ def check_rest(robot: Robot, walk: Walk, balance: Balance, weight: Weight | None
     white = _noise_of(robot, walk, balance, len(rest) // balance.required.shape[1])
 
     def allowed(effort: FloatArray, wrench: FloatArray) -> float:
-        noise = np.hypot(white, _SURE * _slow_errors(robot, walk, balance, effort, wrench))
-        return float(np.hypot(REST, noise / size))
+        errors = slow_errors(robot, walk, balance, effort, wrench)
+        slow = float(np.sqrt(sum(np.sum(balance.unexplained(error) ** 2) for error in errors)))
+        return float(np.hypot(REST, np.hypot(white, _SURE * slow) / size))
 
     within = share <= allowed(effort, wrench)
     carried = weight is None or weight.plausible
     gain = _slow_noise(walk).effort_gain
-    other = best_convention(robot, walk, balance, carried=carried, gain=gain)
-    then = float(np.linalg.norm(other.rest)) / size
     said = f"{share:.0%} of the force that the motion took is explained neither by the log nor by any link masses"
-    # Noise is left by every convention: beside it, the right one need not leave half. But it leaves little else.
-    better = _BETTER_IN_NOISE if within else _BETTER_FITTED if other.fitted else _BETTER
     worst = sorted(joints, key=lambda name: -joints[name])[:_SHOWN]
-    if other.of_gains and _implicit_servos(robot, worst):
-        better = 0.0
-    if then < better * share and then < max(_MOST_LEFT * share, allowed(other.effort, other.wrench)):
-        return Rest(
-            share,
-            joints,
-            (f"{said}: {other.reason} (then {then:.0%}).",),
-            names_a_setting=True,
-            blames_wrenches=not np.array_equal(other.wrench, wrench),
-        )
+    for other in likely_conventions(robot, walk, balance, carried=carried, gain=gain):
+        if other.of_gains and _implicit_servos(robot, worst):
+            continue
+        then = float(np.linalg.norm(other.rest)) / size
+        within_then = then < allowed(other.effort, other.wrench)
+        # Noise is left by every convention: beside it, the right one need not leave half. But it leaves little else.
+        in_noise = within or (white > 0.0 and within_then)
+        better = _BETTER_IN_NOISE if in_noise else _BETTER_FITTED if other.fitted else _BETTER
+        if then < better * share and (within_then or then < _MOST_LEFT * share):
+            return Rest(
+                share,
+                joints,
+                (f"{said}: {other.reason} (then {then:.0%}).",),
+                then=then,
+                blames_wrenches=not np.array_equal(other.wrench, wrench),
+            )
     if within:
         return Rest(share, joints, _of_simulation(robot, walk, share))
     listed = ", ".join(f"{name} {joints[name]:.0%}" for name in worst)
@@ -270,21 +278,30 @@ def _slow_noise(walk: Walk) -> SensorNoise:
     return _SLOW.scaled(white_level(walk.qvel[:, 6:]) / _SLOW.joint_velocity)
 
 
-def _slow_errors(robot: Robot, walk: Walk, balance: Balance, effort: FloatArray, wrench: FloatArray) -> float:
-    """Norm of what offsets and gains of torque and force sensors leave unexplained, weighted as the balance is."""
+def slow_errors(
+    robot: Robot, walk: Walk, balance: Balance, effort: FloatArray, wrench: FloatArray
+) -> Iterator[FloatArray]:
+    """What one deviation of each offset and gain of torque and force sensors adds to the balance, smoothed, shape (m,).
+
+    Args:
+        robot: whose joints have the torques.
+        walk: whose noise tells the deviations.
+        balance: of this walk.
+        effort: torques of the steps, shape (K, n_j).
+        wrench: wrenches of the steps, shape (K, n_c, 6).
+    """
     slow = _slow_noise(walk)
     steps = np.ones((len(balance.rows), 1))
     wrench = wrench.reshape(len(steps), -1)
     jacobian = balance.jacobian.reshape(len(steps), -1, robot.model.nv)
-    sources: list[FloatArray] = []
     for column, dof in enumerate(robot.layout.joint_dof):
         unit = np.eye(robot.model.nv)[dof]
-        sources += [slow.effort_offset * steps * unit, slow.effort_gain * effort[:, column, None] * unit]
+        yield balance.smooth(slow.effort_offset * steps * unit)
+        yield balance.smooth(slow.effort_gain * effort[:, column, None] * unit)
     for column in range(wrench.shape[1]):
-        sources.append(slow.wrench_gain * wrench[:, column, None] * jacobian[:, column])
+        yield balance.smooth(slow.wrench_gain * wrench[:, column, None] * jacobian[:, column])
         if column % 6 < 3:
-            sources.append(slow.force_offset * jacobian[:, column])
-    return float(np.sqrt(sum(np.sum(balance.unexplained(balance.smooth(force)) ** 2) for force in sources)))
+            yield balance.smooth(slow.force_offset * jacobian[:, column])
 
 
 def _by_joint(robot: Robot, rest: FloatArray, required: FloatArray) -> dict[str, float]:

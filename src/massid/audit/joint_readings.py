@@ -19,8 +19,8 @@ from massid.typing import FloatArray
 from massid.walk import Walk
 
 _STEPS = 400
-_BETTER = 0.3
-"""Share of the unexplained force that another reading may leave at most."""
+_BETTER, _BETTER_IN_NOISE = 0.3, 0.6
+"""Share of the unexplained force that another reading may leave at most; noise is left by all of them."""
 _SHOWN = 4
 
 
@@ -30,14 +30,15 @@ def better_reading(robot: Robot, walk: Walk, given: Rest) -> str | None:
     Args:
         robot: with nominal masses.
         walk: aligned with the robot.
-        given: what the walk leaves unexplained as it was read.
+        given: what the walk leaves unexplained as it was read, or by another convention of its forces.
     """
+    left = given.share if given.then is None else given.then
     for reason, read in _readings(robot, walk):
         balance = measure_balance(robot, read, steps=_STEPS)
         if balance is None:
             return None
         rest = check_rest(robot, read, balance)
-        if rest.sound and rest.share < _BETTER * given.share:
+        if rest.sound and rest.share < (_BETTER if given.beyond_noise else _BETTER_IN_NOISE) * left:
             return (
                 f"{given.share:.0%} of the force that the motion took is explained neither by the log nor by any link "
                 f"masses: {reason} (then {rest.share:.0%})."

@@ -113,10 +113,11 @@ def _of_forces(robot: Robot, walk: Walk, weight: Weight, rest: Rest | None, *, s
     of_weight = tuple(weight_suspicions(weight))
     if rest is None:
         return _Forces(of_weight, of_weight)
+    is_doubtful = rest.beyond_noise or bool(turned_joints(robot, walk)) or (rest.then is not None and rest.then > REST)
+    if is_doubtful and (reason := better_reading(robot, walk, rest)) is not None:
+        return _Forces((reason,), (reason,), misread=True)
     if rest.names_a_setting:
         also = () if rest.blames_wrenches else of_weight
         return _Forces((*rest.suspicions, *also), (*rest.suspicions, *also), misread=True)
-    if rest.beyond_noise and (reason := better_reading(robot, walk, rest)) is not None:
-        return _Forces((reason,), (reason,), misread=True)
     told = rest.suspicions if state_is_sound else ()
     return _Forces((*of_weight, *told), (*of_weight, *(told if rest.share > REST else ())))

@@ -255,7 +255,7 @@ class _Heard:
             case Weighing():
                 if self._by_default:
                     say(f"links: {', '.join(said.nominal_kg)} (--links names others)")
-                self._doubted = any(one.audit.doubts for one in said.prepared)
+                self._doubted = bool(said.doubts)
                 for line in self._truth.check_robot(said.nominal_kg) if self._truth else ():
                     warn(line)
             case str():

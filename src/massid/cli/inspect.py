@@ -161,12 +161,12 @@ class Inspect:
             The exit code: that of `massid identify` if it would refuse, or weigh with a log that contradicts itself.
         """
         verdict = _foresee(job)
-        doubts = [doubt for one in job.prepared for doubt in one.audit.doubts]
+        doubts = job.doubts
         page.table("Links", _LINK_COLUMNS, _link_rows(verdict, doubts))
         first = ["no mass found from this log means anything before these are settled: " + " ".join(doubts)]
         page.section("Verdict", [*(first if doubts else ()), *verdict.lines()])
         found.judge(job, verdict, doubts)
-        if any(one.audit.misread for one in job.prepared):
+        if job.denied:
             return CONTRADICTED
         return NOT_IDENTIFIABLE if verdict.hidden else 0
 
@@ -174,8 +174,7 @@ class Inspect:
     def _print_all(page: Page, job: Weighing, moving: tuple[str, ...], found: Inspection) -> None:
         """To what every link's mass could be known if all were asked for; nothing is refused for that."""
         verdict = _foresee(job.asking_for(moving))
-        doubts = [doubt for one in job.prepared for doubt in one.audit.doubts]
-        page.table("If all links were asked for (--links)", _LINK_COLUMNS, _link_rows(verdict, doubts))
+        page.table("If all links were asked for (--links)", _LINK_COLUMNS, _link_rows(verdict, job.doubts))
         found.judge_all(verdict)
 
 
