@@ -93,7 +93,7 @@ def test_models_within_the_model_keep_their_own_meshes(link: str, with_assets: b
     space = mass_space(robot, [link])
     other = tmp_path / "results" / "today"
     other.mkdir(parents=True)
-    expected, drawn = robot.model_at(space, 1.5 * space.nominal), robot.drawn
+    expected, drawn = robot.model_at(space, 1.5 * space.nominal), robot.with_all_seen()
     robot.write_model(space, 1.5 * space.nominal, other / "saved.xml", with_assets=with_assets)
     if with_assets:
         shutil.rmtree(tmp_path / "robots")

@@ -123,7 +123,7 @@ def test_a_lost_mesh_is_not_needed_to_weigh(touches: bool) -> None:
     (note,) = robot.notes
     assert "mesh shell cannot be read" in note
     assert ("contact with it is not looked for" in note) == touches
-    assert robot.drawn.nbody == robot.model.nbody
+    assert robot.with_all_seen().nbody == robot.model.nbody
 
 
 def test_a_lost_mesh_that_a_mass_follows_from_is_an_error() -> None:

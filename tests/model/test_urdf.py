@@ -192,8 +192,8 @@ def test_meshes_of_packages_are_found_and_lost_ones_are_told(walker: Path) -> No
     mesh.write_text("v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     robot = Robot.load(walker)
     assert not [note for note in robot.notes if "mesh" in note]
-    assert robot.drawn.nmesh == 1
-    assert robot.drawn.body("pelvis").mass[0] == 10.123456789
+    assert robot.with_all_seen().nmesh == 1
+    assert robot.with_all_seen().body("pelvis").mass[0] == 10.123456789
     for name in ("package://walker/meshes/pelvis.obj", "../meshes/pelvis.obj", f"file://{mesh}"):
         found = find_mesh(name, walker)
         assert found is not None

@@ -90,7 +90,7 @@ def test_the_world_has_the_numbers_of_the_robots_file(name: str) -> None:
     robot = Robot.load(shipped_models()[name])
     environment = make_environment(robot)
     world = environment.physics.model.ptr
-    ours, theirs = _moving(robot.drawn), _moving(world)
+    ours, theirs = _moving(robot.with_all_seen()), _moving(world)
     assert ours["names"] == theirs["names"]
     for field in ours.keys() - {"names"}:
         np.testing.assert_array_equal(theirs[field], ours[field], err_msg=field)

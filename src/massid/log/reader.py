@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
-import sys
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +25,7 @@ from massid.log.tables import TABLES, Table, read_table
 from massid.log.topics.kinds import POSES, adapted
 from massid.log.topics.map import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
 from massid.log.writer import COMPLETE, METADATA_NAME
+from massid.memory import give_back
 from massid.typing import FloatArray
 from massid.walk import Walk
 from massid.walk.conventions import LATEST_NS, NANOSECONDS
@@ -51,7 +50,7 @@ def read_walk(path: Path | str, topics: TopicMap | None = None) -> Walk:
             no sample is finite; no stretch of time is covered by all roles.
     """
     walk = _read(Path(path), topics or TopicMap())
-    _give_back()
+    give_back()
     return walk
 
 
@@ -68,17 +67,6 @@ def _read(path: Path, topics: TopicMap) -> Walk:
         if damage:
             raise LogError(f"{error} The file is damaged: {damage[0]}") from error
         raise
-
-
-def _give_back() -> None:
-    """Hand back to the system what decoding has freed: of ten minutes of a robot that is half of what was taken.
-
-    The GNU C library keeps it, for it lies in pieces between what is still in use; other libraries have no such call.
-    """
-    if sys.platform == "linux":
-        trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-        if trim is not None:
-            trim(0)
 
 
 class _Reader:
@@ -121,7 +109,7 @@ class _Reader:
         contacts = {
             name: read_contact(layout, key, columns, lag_s) for name, (key, layout, columns) in wrenches.items()
         }
-        _give_back()
+        give_back()
         alignment = self.align(base, joints, contacts.values())
         signals = [*base.signals, *joints.signals, *(contact.signal for contact in contacts.values())]
         for columns in {id(signal.columns): signal.columns for signal in signals}.values():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -107,28 +107,23 @@ class Robot:
         spec, file = read_model(Path(source))
         return cls(spec, Path(source).name, file)
 
-    @property
-    def drawn(self) -> mujoco.MjModel:
-        """The compiled model with all that is seen; it may hold hundreds of megabytes of meshes and textures.
+    def with_all_seen(self, dress: Callable[[mujoco.MjSpec], None] | None = None) -> mujoco.MjModel:
+        """Compile it with all that is seen; that may take hundreds of megabytes for meshes and textures.
+
+        Shapes whose files cannot be read are left out.
+
+        Args:
+            dress: changes a copy of the spec before it is compiled.
 
         Raises:
             ModelError: it does not compile.
         """
-        return self._drawn[1]
-
-    @property
-    def seen(self) -> mujoco.MjSpec:
-        """What it is compiled from: shapes whose files cannot be read are left out."""
-        return self._drawn[0]
-
-    @cached_property
-    def _drawn(self) -> tuple[mujoco.MjSpec, mujoco.MjModel]:
         try:
-            return self.spec, self.spec.copy().compile()
+            return _compiled(self.spec, dress)
         except ValueError:
-            spec, _ = without_lost_meshes(self.spec, self.source)
+            without, _ = without_lost_meshes(self.spec, self.source)
         try:
-            return spec, spec.copy().compile()
+            return _compiled(without, dress)
         except ValueError as error:
             raise ModelError(f"{self.source}: MuJoCo cannot compile it: {one_line(error)}") from error
 
@@ -400,6 +395,14 @@ class Robot:
             self._whole, self._file, path, changes, lambda saved: Robot.load(saved).model,
             remark=remark, with_assets=with_assets,
         )  # fmt: skip
+
+
+def _compiled(spec: mujoco.MjSpec, dress: Callable[[mujoco.MjSpec], None] | None) -> mujoco.MjModel:
+    """A copy of a spec, compiled, which may be changed before."""
+    copied = spec.copy()
+    if dress is not None:
+        dress(copied)
+    return copied.compile()
 
 
 def _without_sensors(space: ParameterSpace, point: FloatArray) -> tuple[list[Unknown], FloatArray]:

@@ -10,6 +10,7 @@ import numpy as np
 from massid.model.robot import Robot
 from massid.typing import FloatArray
 from massid.view.shapes import body_mesh, shown_geoms
+from massid.view.stage import stage
 from massid.walk import Walk
 
 FRAME_RATE_HZ = 50.0
@@ -58,7 +59,7 @@ def sample_motion(walk: Walk, robot: Robot, rate_hz: float = FRAME_RATE_HZ) -> M
         LogError: the log does not match the robot.
     """
     walk = robot.align(walk)
-    model = robot.drawn
+    model = stage(robot)
     stride = max(1, round(1.0 / (rate_hz * walk.timestep_s)))
     rows = np.arange(0, len(walk), stride)
     qpos = robot.layout.to_qpos(walk.qpos[rows])
@@ -90,7 +91,8 @@ def sample_motion(walk: Walk, robot: Robot, rate_hz: float = FRAME_RATE_HZ) -> M
 
 
 def _height(robot: Robot, qpos: FloatArray) -> float:
-    model, data = robot.drawn, mujoco.MjData(robot.drawn)
+    model = stage(robot)
+    data = mujoco.MjData(model)
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     shown = [geom for body in range(1, model.nbody) for geom in shown_geoms(model, body)]

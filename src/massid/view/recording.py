@@ -44,6 +44,7 @@ from massid.view.names import (
 )
 from massid.view.shapes import body_mesh
 from massid.view.span import pass_names, update_times_s
+from massid.view.stage import stage
 from massid.view.table import table_markdown
 from massid.view.trace import FLOOR_KG, Trace
 from massid.walk import Walk
@@ -97,9 +98,9 @@ class _Writer:
     def scene(self, robot: Robot) -> None:
         """The robot, its forces and the floor."""
         self._stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for body in range(1, robot.drawn.nbody):
+        for body in range(1, stage(robot).nbody):
             self._body(robot, body)
-        self._camera_target(body=robot.drawn.body(robot.root_body).id)
+        self._camera_target(body=stage(robot).body(robot.root_body).id)
         self._contacts(robot)
         self._colour_scale()
 
@@ -138,10 +139,10 @@ class _Writer:
         self._send(TABLE, rr.TextDocument.columns(text=texts, media_type=media), list(range(len(texts))))
 
     def _body(self, robot: Robot, body: int) -> None:
-        name = robot.drawn.body(body).name or f"body_{body}"
+        name = stage(robot).body(body).name or f"body_{body}"
         trace = self._trace
         self._pose(body_path(name), self._motion.position[:, body], self._motion.quaternion[:, body])
-        mesh = body_mesh(robot.drawn, body)
+        mesh = body_mesh(stage(robot), body)
         if mesh is None:
             return
         path = f"{body_path(name)}/mesh"

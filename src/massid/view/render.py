@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,8 +13,8 @@ from massid.model.robot import Robot
 from massid.typing import AnyArray, FloatArray
 from massid.view import colours
 from massid.view.shapes import shown_geoms
+from massid.view.stage import stage
 
-FLOOR = "massid_floor"
 AZIMUTH_DEG, ELEVATION_DEG = 140.0, -10.0
 DISTANCE = 1.5
 """From the robot to the camera, in heights of the robot."""
@@ -54,7 +55,8 @@ def render_shots(robot: Robot, shots: Sequence[Shot], height_m: float, width: in
 def _render(robot: Robot, shots: Sequence[Shot], height_m: float, width: int, height: int) -> list[AnyArray]:
     from mujoco.egl import GLContext
 
-    model = _stage(robot, width, height)
+    model = copy.copy(stage(robot))
+    model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     data, option, camera = mujoco.MjData(model), mujoco.MjvOption(), mujoco.MjvCamera()
     context = GLContext(width, height)
     try:
@@ -67,6 +69,8 @@ def _render(robot: Robot, shots: Sequence[Shot], height_m: float, width: int, he
         for shot in shots:
             _paint(model, robot, shot.link_rgb)
             data.qpos[:] = shot.qpos
+            at = robot.layout.root_qpos
+            model.light_pos[-1, :2] = shot.qpos[at : at + 2]  # far from the light, shadows speckle the floor
             mujoco.mj_forward(model, data)
             root = data.body(robot.root_body).xpos
             camera.lookat[:] = root[0], root[1], data.xpos[1:, 2].min() + 0.45 * height_m
@@ -83,57 +87,16 @@ def _render(robot: Robot, shots: Sequence[Shot], height_m: float, width: int, he
         context.free()
 
 
-def _stage(robot: Robot, width: int, height: int) -> mujoco.MjModel:
-    """The robot on a white floor in a white room."""
-    spec = robot.seen.copy()
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
-    spec.visual.quality.shadowsize = 4096
-    spec.visual.map.shadowclip = 3.0  # a tighter shadow map speckles the floor
-    spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.68] * 3, [0.42] * 3
-    for light in list(spec.lights):
-        spec.delete(light)
-    spec.worldbody.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[0, 0, 4],
-        dir=[-0.16, 0.1, -1.0],
-        diffuse=[0.32] * 3,
-        castshadow=True,
-    )
-    if not any(int(texture.type) == int(mujoco.mjtTexture.mjTEXTURE_SKYBOX) for texture in spec.textures):
-        builtin = int(mujoco.mjtBuiltin.mjBUILTIN_FLAT)
-        spec.add_texture(
-            name="massid_sky",
-            type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-            builtin=builtin,
-            rgb1=[1.0] * 3,
-            rgb2=[1.0] * 3,
-            width=64,
-            height=64,
-        )
-    spec.worldbody.add_geom(
-        name=FLOOR,
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[0, 0, 1],
-        rgba=[1.0, 1.0, 1.0, 1.0],
-        contype=0,
-        conaffinity=0,
-    )
-    return spec.compile()
-
-
 def _paint(model: mujoco.MjModel, robot: Robot, link_rgb: Mapping[str, FloatArray]) -> None:
     """Tint the links; the robot's own light and dark paint stays visible."""
-    for body in range(1, robot.drawn.nbody):
-        rgb = link_rgb.get(robot.drawn.body(body).name, np.array(colours.NEUTRAL))
-        shown = shown_geoms(robot.drawn, body)
-        first = int(model.body_geomadr[model.body(robot.drawn.body(body).name).id]) - int(
-            robot.drawn.body_geomadr[body]
-        )
-        for geom in np.flatnonzero(robot.drawn.geom_bodyid == body):
-            target = int(geom) + first
-            material = int(robot.drawn.geom_matid[geom])
-            own = robot.drawn.mat_rgba[material] if material >= 0 else robot.drawn.geom_rgba[geom]
-            model.geom_matid[target] = -1
-            model.geom_rgba[target, :3] = rgb * colours.tone(np.asarray(own)[None])[0]
-            model.geom_rgba[target, 3] = 1.0 if int(geom) in shown else 0.0
-            model.geom_group[target] = 0
+    own = stage(robot)
+    for body in range(1, own.nbody):
+        rgb = link_rgb.get(own.body(body).name, np.array(colours.NEUTRAL))
+        shown = shown_geoms(own, body)
+        for geom in np.flatnonzero(own.geom_bodyid == body).tolist():
+            material = int(own.geom_matid[geom])
+            paint = own.mat_rgba[material] if material >= 0 else own.geom_rgba[geom]
+            model.geom_matid[geom] = -1
+            model.geom_rgba[geom, :3] = rgb * colours.tone(np.asarray(paint)[None])[0]
+            model.geom_rgba[geom, 3] = 1.0 if geom in shown else 0.0
+            model.geom_group[geom] = 0
