@@ -4,8 +4,9 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 PEERS  := $(VENV)/.peers
+SITE   := $(VENV)/.site
 
-.PHONY: demo test lint unit bench clean
+.PHONY: demo test lint unit bench docs clean
 
 demo: $(STAMP)
 	$(BIN)/massid demo --out demo_out
@@ -24,6 +25,14 @@ unit: $(STAMP)
 bench: $(PEERS)
 	$(BIN)/python scripts/bench_costs.py $(BENCH)
 
+# The documentation as a site, in site/index.html; a link or a docstring that leads nowhere ends it.
+docs: $(SITE)
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs site
+
+$(SITE): $(STAMP)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --group docs
+	touch $@
+
 $(PEERS): $(STAMP)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --group compare
 	touch $@
@@ -36,4 +45,4 @@ $(STAMP): pyproject.toml constraints.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) demo_out dist build
+	rm -rf $(VENV) demo_out dist build site
