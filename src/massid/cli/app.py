@@ -29,6 +29,7 @@ COMMANDS = {
     "repair": "Copy what is sound of a damaged MCAP file into a new one, and say what was lost.",
     "corrupt": "Give a log without noise the sensors of a real robot.",
     "report": "Make one page of a result: masses with intervals, convergence, held-out torques, residuals, nuisances.",
+    "compare": "Compare results: of other days, of a robot's sisters, of other methods; which links differ?",
     "view": "Open a recording written by `massid identify --rerun` or `massid demo` in the Rerun viewer.",
     "paper": "Run the paper's simulations again: its figures and Table I beside its numbers, and its theory as checks.",
     "links": "List the links of a robot with their nominal masses, as --links takes them.",

@@ -46,7 +46,7 @@ class SearchOptions:
         step_size: alpha of Eq. (9) for first-order directions; 0 takes it from the curvature.
         largest_step: no coordinate moves by more than this multiple of its scale in one update.
         step_tolerance: converged when the Newton step is below this fraction of every nominal value.
-        gradient_tolerance: converged when the norm of the gradient of mu is below this number (Eq. 18); 0 switches it off.
+        gradient_tolerance: converged when the gradient of mu is below this number (Eq. 18); 0 switches it off.
         floor_share: converged when the Newton step would lower mu by less than this share of what it leaves: what is
             left is the log's own, and no parameters explain it. 0 switches it off.
     """
