@@ -55,7 +55,7 @@ def prepare_logs(
         notes: tuple[str, ...] = ()
         if isinstance(sensors, NoisySensors):
             sensors, notes = with_suitable_steps(sensors, walk, robot, asked)
-            notes = (*coarse_doubts(walk, robot, options, sensors), *notes)
+            notes = (*coarse_doubts(walk, options, sensors), *notes)
         log = prepare_log(walk, robot, asked, sensors, options)
         logs.append(replace(log, doubts=(*log.doubts, *notes)))
     noisy = [log.walk.source for log in logs if isinstance(log.sensors, NoisySensors)]

@@ -79,9 +79,9 @@ def read_noise(walk: Walk, robot: Robot) -> SensorNoise | None:
     return None if noise.joint_velocity < CLEAN_VELOCITY else _floored(noise)
 
 
-def coarse_doubts(walk: Walk, robot: Robot, options: IdentifyOptions, sensors: SensorModel) -> tuple[str, ...]:
-    """Say so if a log without noise is weighed as if it had some."""
-    if options.noise != "auto" or not isinstance(sensors, NoisySensors) or read_noise(walk, robot) is not None:
+def coarse_doubts(walk: Walk, options: IdentifyOptions, sensors: NoisySensors) -> tuple[str, ...]:
+    """Say so if a log without noise is weighed as if it had some: noise that was read off a log is no preset's."""
+    if options.noise != "auto" or sensors.noise != PRESETS[COARSE]:
         return ()
     return (
         f"{walk.source} shows no sensor noise, but its samples are far apart: it is weighed as if `{COARSE}` sensors "
