@@ -34,7 +34,7 @@ ONLY_IN = {
 }
 """Libraries that one room keeps to itself."""
 
-EVERYBODY = {"compiled", "errors", "lazy", "memory", "typing"}
+EVERYBODY = {"compiled", "errors", "inputs", "lazy", "memory", "typing"}
 """What every room may know."""
 
 SEES: dict[str, set[str]] = {

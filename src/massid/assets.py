@@ -34,7 +34,7 @@ def resolve_model(name_or_path: str) -> Path:
     """
     path = Path(name_or_path)
     models = shipped_models()
-    if path.is_file() or path.suffix:
+    if path.exists() or path.suffix:
         if not path.exists() and path.stem in models and path.parent in (Path(), Path("models")):
             return models[path.stem]  # models/atlas.xml, asked for outside the clone
         return path

@@ -9,6 +9,7 @@ from typing import ClassVar
 LONGEST_LINE = 4000
 """Characters of a message; a name in it can be as long as its file."""
 _NBSP = "\N{NO-BREAK SPACE}"
+_LONGEST_COMPARED, _MOST_COMPARED = 200, 2000
 
 
 class MassidError(Exception):
@@ -73,15 +74,27 @@ def _printable(character: str) -> str:
 
 def on_one_line(text: str) -> str:
     """A text as it may be shown, with single spaces, and cut if nobody would read to its end."""
-    line = " ".join(printable(text).replace(_NBSP, " ").split())
-    rest = len(line) - LONGEST_LINE
-    return line if rest <= 0 else f"{line[:LONGEST_LINE]} ... ({rest} characters more)"
+    return cut(" ".join(printable(text).replace(_NBSP, " ").split()))
+
+
+def cut(text: str) -> str:
+    """A text, or its beginning if nobody would read to its end."""
+    rest = len(text) - LONGEST_LINE
+    return text if rest <= 0 else f"{text[:LONGEST_LINE]} ... ({rest} characters more)"
+
+
+def close_names(name: str, known: Iterable[str], most: int, cutoff: float) -> list[str]:
+    """Names like another one, the nearest first; none if comparing would take longer than anybody waits."""
+    short = [other for other in known if len(other) <= _LONGEST_COMPARED]
+    if len(name) > _LONGEST_COMPARED or len(short) > _MOST_COMPARED:
+        return []
+    return difflib.get_close_matches(name, short, n=most, cutoff=cutoff)
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str], owner: str) -> str:
     """Build the message for a name that does not exist: what was found, the nearest names, all names."""
     names = list(known)
-    close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
+    close = close_names(name, names, most=3, cutoff=0.5)
     hint = f" Did you mean {', '.join(close)}?" if close else ""
     listed = ", ".join(names) if names else "none"
     return f"{owner} has no {kind} named '{name}'.{hint} It has: {listed}."

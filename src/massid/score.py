@@ -13,6 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from massid.errors import BadInputError, unknown_name
+from massid.inputs import LARGEST_TEXT, problem_of
 from massid.result.document import Document
 from massid.result.result import Result
 from massid.typing import FloatArray
@@ -57,6 +58,8 @@ class Truth:
             BadInputError: the file is missing or does not hold {"links": {"<body>": {"true_kg": ..}}}, and, if it has
                 them, {"quantities": {"<name>": ..}}.
         """
+        if problem := problem_of(path, LARGEST_TEXT):
+            raise BadInputError(f"Truth file {path} {problem}.")
         try:
             found = msgspec.convert(json.loads(path.read_text(encoding="utf-8")), type=_TruthFile)
         except OSError as error:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import struct
 import zipfile
+import zlib
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +15,7 @@ import pytest
 from mcap.opcode import Opcode
 
 from massid.errors import LogError
-from massid.log import read_walk
+from massid.log import read_walk, repair_log
 from tests.log.samples import Samples, assert_same, make_samples, write_samples
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -175,3 +178,87 @@ def test_a_missing_file_and_a_folder_say_what_is_there(tmp_path, content):
         LogError, match=r"is a folder, expected a log or a folder of `ros2 bag record`.*; it has other.mcap"
     ):
         read_walk(tmp_path)
+
+
+def with_summary(content: bytes, change: Callable[[int, bytearray], None]) -> bytes:
+    """A log whose index at the end was changed, record by record, with a checksum that agrees."""
+    footer = records(content, Opcode.FOOTER)[0]
+    (start,) = struct.unpack_from("<Q", content, footer + 9)
+    summary, position = bytearray(), start
+    while position < footer:
+        kind, size = struct.unpack_from("<BQ", content, position)
+        record = bytearray(content[position : position + 9 + size])
+        change(kind, record)
+        summary += record
+        position += 9 + size
+    tail = content[footer : footer + 25]
+    crc = zlib.crc32(tail, zlib.crc32(summary))
+    return content[:start] + bytes(summary) + tail + struct.pack("<I", crc) + MAGIC
+
+
+def shift_all(kind: int, record: bytearray) -> None:
+    if kind == Opcode.CHUNK_INDEX:
+        struct.pack_into("<Q", record, 25, struct.unpack_from("<Q", record, 25)[0] + 7)
+
+
+def forget_first(kind: int, record: bytearray) -> None:
+    if kind == Opcode.CHUNK_INDEX and not forget_first.__dict__.setdefault("done", False):
+        forget_first.__dict__["done"] = True
+        record.clear()
+
+
+def at_message_indexes(kind: int, record: bytearray) -> None:
+    if kind == Opcode.CHUNK_INDEX:
+        start, length = struct.unpack_from("<QQ", record, 25)
+        struct.pack_into("<Q", record, 25, start + length)
+
+
+def swap_channels(kind: int, record: bytearray) -> None:
+    if kind == Opcode.CHANNEL:
+        (number,) = struct.unpack_from("<H", record, 9)
+        struct.pack_into("<H", record, 9, 3 - number if number < 3 else number)
+
+
+@pytest.mark.parametrize("change", [shift_all, forget_first, at_message_indexes, swap_channels])
+def test_an_index_that_contradicts_the_data_is_not_believed(tmp_path, content, short, change):
+    forget_first.__dict__["done"] = False
+    path = tmp_path / "indexed.mcap"
+    path.write_bytes(with_summary(content, change))
+    walk = read_walk(path)
+    assert_same(walk, short)
+    assert len(walk.warnings) == 1
+    assert "index at the end" in walk.warnings[0]
+    repaired = repair_log(path, tmp_path / "repaired.mcap")
+    assert repaired.messages["/odom"] == len(short)
+    assert read_walk(repaired.path).warnings == ()
+
+
+def test_an_unchanged_index_is_believed(tmp_path, content):
+    path = tmp_path / "indexed.mcap"
+    path.write_bytes(with_summary(content, lambda kind, record: None))
+    assert path.read_bytes() == content
+    assert read_walk(path).warnings == ()
+
+
+@pytest.mark.parametrize("end", [None, Opcode.DATA_END], ids=["whole", "without its end"])
+def test_logs_that_were_pasted_together_give_both(tmp_path, content, short, end):
+    later = replace(short, stamps=short.stamps + short.stamps[-1] - short.stamps[0] + 1_000_000)
+    second = write_samples(tmp_path / "second.mcap", later).read_bytes()
+    first = content if end is None else content[: records(content, end)[0]]
+    path = tmp_path / "both.mcap"
+    path.write_bytes(first + second)
+    walk = read_walk(path)
+    assert len(walk) == 2 * len(short)
+    assert f"{path}: another log begins at byte {len(first)}: both are read, as one log." in walk.warnings
+    np.testing.assert_array_equal(walk.qpos, np.concatenate([short.qpos, short.qpos]))
+    repaired = repair_log(path, tmp_path / "repaired.mcap")
+    assert repaired.messages["/odom"] == 2 * len(short)
+
+
+def test_a_log_that_was_pasted_to_itself_is_read_once(tmp_path, content, short):
+    path = tmp_path / "twice.mcap"
+    path.write_bytes(content + content)
+    walk = read_walk(path)
+    assert_same(walk, short)
+    assert any("both are read" in line for line in walk.warnings)
+    assert any("stand in the log twice" in line for line in walk.warnings)

@@ -323,7 +323,7 @@ def test_a_small_message_that_inflates_beyond_any_message_is_not_inflated(foreig
     bomb = zstandard.ZstdCompressor().compress(bytes(1 << 26))
     log = foreign(N)
     log.encode = lambda _: bomb
-    with pytest.raises(LogError, match="a compressed message of 67108864 bytes, more than 16777216"):
+    with pytest.raises(LogError, match=r"a compressed message of 67108864 bytes, more than \d+"):
         read_walk(log.write())
 
 

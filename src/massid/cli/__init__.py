@@ -22,9 +22,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from massid.cli.app import run
 
             return run(sys.argv[1:] if arguments is None else arguments)
-    except EndedError as ended:
-        sys.stderr.write(f"massid: ended by {ended}\n")
-        return 128 + ended.number
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, ImportError) as error:
+        # A library in C whose loading is interrupted says that it cannot be loaded.
+        ended = error if isinstance(error, KeyboardInterrupt) else error.__cause__ or error.__context__
+        if isinstance(ended, EndedError):
+            sys.stderr.write(f"massid: ended by {ended}\n")
+            return 128 + ended.number
+        if not isinstance(ended, KeyboardInterrupt):
+            raise
         sys.stderr.write("massid: interrupted\n")
         return INTERRUPTED

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from massid.cli.flags import in_flags
-from massid.errors import on_one_line, printable
+from massid.errors import cut, on_one_line, printable
 from massid.identify.progress import Progress as ProgressCallback
 from massid.result import Result
 from massid.result.presentation import mass_table, outcome, quantity_table
@@ -57,7 +57,7 @@ def warn_of_hidden(result: Result) -> None:
 def say(message: str) -> None:
     """Print one line on stdout, after as many empty ones as it begins with."""
     line = message.lstrip("\n")
-    OUT.print(message[: len(message) - len(line)] + printable(in_flags(line)), soft_wrap=True)
+    OUT.print(message[: len(message) - len(line)] + printable(cut(in_flags(line))), soft_wrap=True)
 
 
 def result_table(result: Result, scored: Score | None) -> Table:
@@ -103,7 +103,7 @@ def _table(head: Sequence[str]) -> Table:
 
 def cell(text: str) -> Text:
     """What stands in one place of a table, as it is: a name like `arm[left]` is no markup."""
-    return Text(printable(text))
+    return Text(printable(cut(text)))
 
 
 def print_result(result: Result, scored: Score | None) -> None:

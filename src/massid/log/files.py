@@ -6,6 +6,7 @@ import enum
 from pathlib import Path
 
 from massid.errors import LogError
+from massid.inputs import problem_of
 
 MAGIC = b"\x89MCAP0\r\n"
 
@@ -41,11 +42,7 @@ def kind_of(path: Path) -> Kind:
         raise LogError(f"{path}: is a folder, expected an MCAP file; it has {_mcap_files(path)}.")
     if not path.exists():
         raise LogError(f"{path}: does not exist; the folder {path.parent} has {_mcap_files(path.parent)}.")
-    try:
-        with path.open("rb") as stream:
-            start = stream.read(64)
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror}.") from error
+    start = _start_of(path)
     if start.startswith(MAGIC):
         return Kind.MCAP
     for magic, kind in _KINDS.items():
@@ -65,6 +62,16 @@ def kind_of(path: Path) -> Kind:
     line = start.decode("latin-1").splitlines()[0]
     shown = f"the text '{line[:40]}'" if line.isprintable() and line else f"the bytes {start[:8].hex(' ')}"
     raise LogError(f"{path}: is not an MCAP file; it begins with {shown}.")
+
+
+def _start_of(path: Path) -> bytes:
+    if problem := problem_of(path):
+        raise LogError(f"{path}: {problem}.")
+    try:
+        with path.open("rb") as stream:
+            return stream.read(64)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}.") from error
 
 
 def _mcap_files(folder: Path) -> str:

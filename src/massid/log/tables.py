@@ -18,7 +18,7 @@ import numpy as np
 from massid.errors import LogError
 from massid.log.cycles import evened
 from massid.log.files import Kind
-from massid.log.mcap.container import TopicInfo
+from massid.log.mcap.container import MOST_INFLATED, MOST_INFLATED_AT_LEAST, TopicInfo
 from massid.log.messages.decoding import Block
 from massid.log.messages.paths import PathError, find_paths
 from massid.log.topics.map import TimeColumn
@@ -194,7 +194,8 @@ def _parquet(path: Path) -> dict[str, AnyArray]:
     parquet: Any = import_module("pyarrow.parquet")  # only who needs it waits for it
     file = parquet.ParquetFile(path)
     sizes = [file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups)]
-    _check_size(path, sum(sizes))
+    numbers = file.metadata.num_rows * file.metadata.num_columns  # what does not change takes no bytes in the file
+    _check_size(path, max(8 * numbers, sum(sizes)))
     table = file.read()
     found: dict[str, AnyArray] = {}
     for name in table.column_names:
@@ -209,5 +210,6 @@ def _parquet(path: Path) -> dict[str, AnyArray]:
 
 
 def _check_size(path: Path, size: int) -> None:
-    if size > _LARGEST_BYTES:
-        raise LogError(f"{path}: holds {size} bytes of numbers, more than {_LARGEST_BYTES}.")
+    most = min(_LARGEST_BYTES, max(MOST_INFLATED_AT_LEAST, MOST_INFLATED * path.stat().st_size))
+    if size > most:
+        raise LogError(f"{path}: holds {size} bytes of numbers, more than {most} for a file of its size.")

@@ -11,7 +11,9 @@ import mujoco
 import numpy as np
 
 from massid.errors import ModelError
+from massid.inputs import LARGEST_TEXT, problem_of
 from massid.model.asset_files import copy_assets, move_assets, with_absolute_files
+from massid.model.bounds import check_size
 from massid.model.changes import Changes
 from massid.model.mjcf import has_inertial, inlined, write_mjcf_body, write_mjcf_joint
 from massid.model.urdf import SUFFIX, is_urdf, read_urdf
@@ -47,13 +49,13 @@ def read_model(path: Path) -> tuple[mujoco.MjSpec, ModelFile]:
     Raises:
         ModelError: it is missing, or no model.
     """
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise ModelError(f"Model file {path} {what}; expected an MJCF (.xml) or a URDF (.urdf) file.")
+    if problem := problem_of(path, LARGEST_TEXT):
+        raise ModelError(f"Model file {path} {problem}; expected an MJCF (.xml) or a URDF (.urdf) file.")
     try:
         content = path.read_bytes()
     except OSError as error:
         raise ModelError(f"Model file {path} cannot be read: {error.strerror}.") from error
+    check_size(content, path)
     if is_urdf(content):
         spec, notes = read_urdf(content, path)
         return spec, ModelFile(path, content, True, notes)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from massid.errors import BadInputError, unknown_name
+from massid.inputs import LARGEST_TEXT, problem_of
 from massid.log import read_walk, write_walk
 from massid.log.mcap.sink import partial_path
 from massid.outputs import check_outputs
@@ -101,6 +102,8 @@ def corrupt_log(source: Path | str, path: Path | str, noise: NoisePreset, seed: 
 def _load(path: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
+    if problem := problem_of(path, LARGEST_TEXT):
+        raise BadInputError(f"Truth file {path} {problem}.")
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from massid.errors import BadInputError
+from massid.inputs import LARGEST_TEXT, problem_of
 from massid.outputs import write_file
 from massid.result.document import SCHEMA, Document
 from massid.result.explanation import explain, missing
@@ -67,6 +68,8 @@ def read_document(path: Path) -> Document:
 
 def _parse(path: Path) -> Any:
     """JSON as plain values, all of them finite; the standard library's reader can name a number that is not."""
+    if problem := problem_of(path, LARGEST_TEXT):
+        raise BadInputError(f"Cannot read {path}: it {problem}.")
     try:
         return json.loads(path.read_text(encoding="utf-8"), parse_constant=_finite, parse_float=_finite)
     except OSError as error:

@@ -36,6 +36,9 @@ _HEADER_BYTES = 4  # the encapsulation header: alignment counts from its end
 _XCDR2 = range(0x06, 0x0C)
 _MAX_TRAILING = 3  # some middleware pads a message to a multiple of four
 _MAX_FIELDS = 100_000  # of one message; a damaged definition must not keep the reader busy
+_LARGEST_DEFINITION = 1 << 22
+_LONGEST_LINE = 10_000
+_MOST_DIGITS = 9
 _MAX_DEPTH = 32
 
 
@@ -139,6 +142,8 @@ def parse_schema(message_type: str, text: str, standard: Mapping[str, str] | Non
         CdrError: a line that is not a field, or a type without a definition.
     """
     root = message_type.replace("/msg/", "/")
+    if len(text) > _LARGEST_DEFINITION:
+        raise CdrError(f"the definition of {root} has {len(text)} characters, more than {_LARGEST_DEFINITION}")
     raw: dict[str, list[Field]] = {}
     for index, part in enumerate(re.split(r"^={3,}\s*$", text, flags=re.MULTILINE)):
         lines = part.strip().splitlines()
@@ -150,14 +155,16 @@ def parse_schema(message_type: str, text: str, standard: Mapping[str, str] | Non
             name = header.removeprefix("MSG:").strip().replace("/msg/", "/")
         raw[name] = list(_parse_fields(name, lines))
     types: dict[str, tuple[Field, ...]] = {}
-    pending = list(raw)
+    known = {*raw, *(standard or {}), *_BUILT_IN}
+    pending, waiting = list(raw), set(raw)
     while pending:
         name = pending.pop()
         if name not in raw:
             raw[name] = list(_BUILT_IN.get(name) or _parse_fields(name, (standard or {})[name].splitlines()))
-        types[name] = tuple(_resolve(f, name, {*raw, *(standard or {}), *_BUILT_IN}) for f in raw[name])
-        named = {field.type for field in types[name]} - set(_PRIMITIVES) - {"string"}
-        pending += [other for other in named if other not in types and other not in pending]
+        types[name] = tuple(_resolve(f, name, known) for f in raw[name])
+        named = {field.type for field in types[name]} - set(_PRIMITIVES) - {"string"} - waiting
+        pending += named
+        waiting |= named
     return Schema(root, types)
 
 
@@ -165,7 +172,7 @@ def _parse_fields(owner: str, lines: Sequence[str]) -> Iterator[Field]:
     for line in lines:
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        match = _FIELD.match(line.strip())
+        match = _FIELD.match(line.strip()) if len(line) <= _LONGEST_LINE else None
         if match is None:
             raise CdrError(f"the definition of {owner} has the line '{line.strip()}', which is not a field")
         if match["rest"].startswith("="):  # a constant takes no bytes
@@ -173,6 +180,8 @@ def _parse_fields(owner: str, lines: Sequence[str]) -> Iterator[Field]:
         count: int | None = None
         if match["array"] is not None:
             inner = match["array"][1:-1]
+            if len(inner) > _MOST_DIGITS and inner.isdigit():
+                raise CdrError(f"the definition of {owner} has an array of {inner[:_MOST_DIGITS]}... elements")
             count = int(inner) if inner.isdigit() else -1
         yield Field(match["name"], match["type"].replace("/msg/", "/"), count)
 
@@ -235,13 +244,12 @@ class _Tracer:
         if depth > _MAX_DEPTH:
             raise CdrError(f"the definition of {type_name} holds itself, or more than {_MAX_DEPTH} messages in a row")
         fields = self.schema.types[type_name]
+        self.visit()
         if not fields and not self.packed:  # a message without fields takes one byte
             self.take(f"{prefix}(empty)", 1)
         for field in fields:
             path = prefix + field.name
-            self.visited += 1
-            if self.visited > _MAX_FIELDS:
-                raise CdrError(f"the message has more than {_MAX_FIELDS} fields")
+            self.visit()
             count = self.length(path) if field.count == -1 else field.count
             if field.type in _PRIMITIVES:
                 self.numbers(path, _PRIMITIVES[field.type], count)
@@ -254,6 +262,11 @@ class _Tracer:
             else:
                 for index in range(count):
                     self.walk(field.type, f"{path}[{index}].", depth + 1)
+
+    def visit(self) -> None:
+        self.visited += 1
+        if self.visited > _MAX_FIELDS:
+            raise CdrError(f"the message has more than {_MAX_FIELDS} fields")
 
     def numbers(self, path: str, code: str, count: int | None) -> None:
         size = int(code[1:])

@@ -30,6 +30,8 @@ _LOG_TIME_OFFSET = 6  # in the head of a message record: after channel and seque
 _LOG_TIME = struct.Struct("<Q")
 _ZSTD = b"\x28\xb5\x2f\xfd"
 _LARGEST_MESSAGE = 1 << 24
+_MOST_INFLATED, _MOST_INFLATED_AT_LEAST = 500, 1 << 16
+"""What a compressed message may become: so many times its size, or so many bytes if that is more."""
 _PACKED = {"cdr": False, "ros1": True}
 _TEXT_SCHEMAS = ("ros2msg", "ros1msg")
 _NOT_ROS1 = "; the log says 'ros1': if it was converted, convert the ROS 1 bag with `rosbags-convert`"
@@ -145,10 +147,11 @@ def _inflated(records: Sequence[bytes]) -> Sequence[bytes]:
         if record.startswith(_ZSTD, MESSAGE_HEAD):
             frame = record[MESSAGE_HEAD:]
             try:
+                most = min(_LARGEST_MESSAGE, max(_MOST_INFLATED_AT_LEAST, _MOST_INFLATED * len(frame)))
                 size = zstandard.get_frame_parameters(frame).content_size
-                if size > _LARGEST_MESSAGE and size != zstandard.CONTENTSIZE_UNKNOWN:
-                    raise ValueError(f"a compressed message of {size} bytes, more than {_LARGEST_MESSAGE}")
-                data = zstandard.ZstdDecompressor().decompress(frame, max_output_size=_LARGEST_MESSAGE)
+                if size > most and size != zstandard.CONTENTSIZE_UNKNOWN:
+                    raise ValueError(f"a compressed message of {size} bytes, more than {most}")
+                data = zstandard.ZstdDecompressor().decompress(frame, max_output_size=most)
             except zstandard.ZstdError as error:
                 raise ValueError(f"a compressed message is damaged: {error}") from error
             record = record[:MESSAGE_HEAD] + data  # noqa: PLW2901

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+
+from massid.errors import close_names
 
 _RANGE = re.compile(r"\[(\d*):(\d*)\]")
 _INDEX = re.compile(r"^(?P<path>.*)\[(?P<index>\d+)\]$")
@@ -112,7 +113,7 @@ def _find_range(known: Mapping[str, int | None], path: str, match: re.Match[str]
 
 
 def _hint(path: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(path, list(known), n=2, cutoff=0.7)
+    close = close_names(path, known, most=2, cutoff=0.7)
     return f" (did you mean {', '.join(close)}?)" if close else ""
 
 

@@ -19,6 +19,7 @@ from ruamel.yaml.events import (
 )
 
 from massid.errors import LogError, unknown_name
+from massid.inputs import problem_of
 from massid.log.topics.map import (
     BASE_STATE,
     JOINT_STATE,
@@ -65,7 +66,10 @@ def load_topics(name_or_path: str | Path) -> TopicMap:
     if name in preset_names():
         return _build(_Node(_preset(name), name), name)
     path = Path(name_or_path)
-    if not path.is_file():
+    problem = problem_of(path, _LARGEST_BYTES)
+    if problem and path.exists():
+        raise LogError(f"The topic map {path} {problem}.")
+    if problem:
         raise LogError(
             unknown_name("topic map", name, preset_names(), "massid") + " A path to a YAML file works as well."
         )
