@@ -1,10 +1,11 @@
-"""Damage logs and topic maps at random and see that every one is refused in one line or its loss is stated.
+"""Damage logs, topic maps and results at random and see that each is refused in one line or its loss is stated.
 
     python scripts/fuzz_reader.py --inputs 50000
 
 Logs of several writers, encodings and compressions have bytes flipped, cut out, inserted, blanked or repeated; topic
-maps have lines changed. What comes out of a damaged log is compared with what was written. Inputs that crash the
-reader, keep it busy or give a wrong number are kept in --keep, and the exit code is 1.
+maps have lines changed; results have entries and arrays of their sidecars changed, and checksums that agree. What comes out of a damaged
+log is compared with what was written. Inputs that crash the reader, keep it busy or give a wrong number are kept in
+--keep, and the exit code is 1.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import tyro
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.fuzz.fuzzing import BAD, damage, damage_text, judge_log, judge_map, make_seeds, map_texts
+from tests.fuzz.pairs import judge_pair, write_pair
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,8 @@ class Fuzz:
     """How many."""
     maps: float = 0.2
     """Share of topic maps among them."""
+    pairs: float = 0.2
+    """Share of results with their sidecars among them."""
     seed: int = 0
     """Seeds the damage."""
     keep: Path = Path("fuzz_failures")
@@ -41,14 +45,18 @@ class Fuzz:
 def main(fuzz: Fuzz) -> int:
     """Run, count, print."""
     rng = np.random.default_rng(fuzz.seed)
-    counts: dict[str, Counter[str]] = {"log": Counter(), "map": Counter()}
+    counts: dict[str, Counter[str]] = {"log": Counter(), "map": Counter(), "pair": Counter()}
     started, failures = time.perf_counter(), 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         seeds, texts = make_seeds(folder), map_texts()
         sound = folder / "own.mcap"
         for k in range(fuzz.inputs):
-            if rng.random() < fuzz.maps:
+            drawn = rng.random()
+            if drawn < fuzz.pairs:
+                kind, path = "pair", write_pair(folder, rng)
+                outcome = judge_pair(path)
+            elif drawn < fuzz.pairs + fuzz.maps:
                 kind, path = "map", folder / "damaged.yaml"
                 path.write_bytes(damage_text(texts[int(rng.integers(len(texts)))], rng))
                 outcome = judge_map(path, sound)

@@ -14,6 +14,7 @@ from massid.log import load_topics
 from massid.log.messages.cdr import CdrError, parse_schema, trace
 from massid.log.messages.paths import PathError, find_paths
 from tests.fuzz.fuzzing import BAD, Seed, damage, damage_text, judge_log, judge_map, make_seeds, map_texts
+from tests.fuzz.pairs import judge_pair, write_pair
 
 INPUTS = 60
 
@@ -57,6 +58,16 @@ def test_damaged_maps_end_in_a_line(folder: Path, seeds: list[Seed], tmp_path: P
         for text in map_texts():
             path.write_bytes(damage_text(text, rng))
             assert judge_map(path, folder / "own.mcap").kind not in BAD
+
+
+def test_results_that_somebody_made_up_end_in_a_page_or_a_line(tmp_path: Path) -> None:
+    rng = np.random.default_rng(11)
+    kinds = set()
+    for _ in range(3 * INPUTS):
+        outcome = judge_pair(write_pair(tmp_path, rng))
+        assert outcome.kind not in BAD, outcome
+        kinds.add(outcome.kind)
+    assert len(kinds) == 2  # some refused, some drawn
 
 
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -15,7 +15,8 @@ from msgspec.structs import replace
 SCHEMA: Literal[1] = 1
 """Changes with what an entry means, or when one is removed."""
 
-Positive: TypeAlias = Annotated[float, Meta(gt=0.0)]
+Positive: TypeAlias = Annotated[float, Meta(gt=1e-12)]
+"""What is divided by: positive, and not merely so."""
 Interval: TypeAlias = Annotated[list[float], Meta(min_length=2, max_length=2)]
 """Lower and upper end of a 95 % interval."""
 Setting: TypeAlias = str | int | float | bool | list[str] | None

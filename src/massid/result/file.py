@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,9 @@ from massid.outputs import write_file
 from massid.result.document import SCHEMA, Document
 from massid.result.explanation import explain, missing
 
+LARGEST = 1e100
+"""No quantity of a robot is larger, and sums of squares of such numbers are finite."""
+_SHOWN = 40
 _MARKS = {"links", "iterations", "logs", "status"}
 """Entries by which a result is told from other JSON."""
 
@@ -59,11 +61,18 @@ def read_document(path: Path) -> Document:
         found = "no schema" if schema is None else f"schema {str(schema)[:40]}"
         raise BadInputError(f"{path} has {found}; expected schema {SCHEMA}, which massid identify --json writes.")
     try:
-        document = msgspec.convert(entries, Document)
-    except msgspec.ValidationError as error:
-        raise BadInputError(explain(error, entries, Document, str(path))) from error
+        document = _convert(entries, path)
+    except UnicodeError as error:
+        raise BadInputError(f"{path} holds half of a character: {error}.") from error
     _check_links(document, path)
     return document
+
+
+def _convert(entries: dict[str, Any], path: Path) -> Document:
+    try:
+        return msgspec.convert(entries, Document)
+    except msgspec.ValidationError as error:
+        raise BadInputError(explain(error, entries, Document, str(path))) from error
 
 
 def _parse(path: Path) -> Any:
@@ -71,24 +80,32 @@ def _parse(path: Path) -> Any:
     if problem := problem_of(path, LARGEST_TEXT):
         raise BadInputError(f"Cannot read {path}: it {problem}.")
     try:
-        return json.loads(path.read_text(encoding="utf-8"), parse_constant=_finite, parse_float=_finite)
+        return json.loads(
+            path.read_text(encoding="utf-8"), parse_constant=_finite, parse_float=_finite, parse_int=_whole
+        )
     except OSError as error:
         raise BadInputError(f"Cannot read {path}: {error.strerror}.") from error
     except _NotFiniteError as error:
-        raise BadInputError(f"{path} holds the number {error}; expected finite ones.") from error
+        raise BadInputError(f"{path} holds the number {error}; expected finite ones up to {LARGEST:g}.") from error
     except (ValueError, RecursionError) as error:
         raise BadInputError(f"{path} is not JSON; expected what massid identify --json wrote.") from error
 
 
 class _NotFiniteError(Exception):
-    """A number in JSON that is not finite."""
+    """A number in JSON that is not finite, or too large to be any quantity: its square would not be finite."""
 
 
 def _finite(text: str) -> float:
     value = float(text)
-    if not math.isfinite(value):
-        raise _NotFiniteError(text)
+    if not abs(value) <= LARGEST:  # nan, too
+        raise _NotFiniteError(text[:_SHOWN])
     return value
+
+
+def _whole(text: str) -> int:
+    if len(text) > _SHOWN:
+        raise _NotFiniteError(f"{text[:_SHOWN]}... of {len(text)} digits")
+    return int(text)
 
 
 def _check_links(document: Document, path: Path) -> None:

@@ -12,6 +12,8 @@ from massid.typing import FloatArray
 WIDTH = 960.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 62.0, 16.0, 22.0, 34.0
 _INK, _SOFT, _GRID = "#1d2229", "#5b6470", "#e3e7ec"
+_NARROWEST, _SMALLEST = 1e-9, 1e-100
+"""Axes that are narrower, as a share of where they are, or at all, have no ticks."""
 
 
 class Chart:
@@ -141,7 +143,10 @@ class Chart:
 
 def _widened(ends: tuple[float, float]) -> tuple[float, float]:
     low, high = ends
-    return (low, high) if high != low else (low - 1.0, high + 1.0)
+    size = max(abs(low), abs(high))
+    if abs(high - low) > max(_NARROWEST * size, _SMALLEST):
+        return low, high
+    return low - max(1.0, size), high + max(1.0, size)
 
 
 def _ticks(low: float, high: float, count: int = 8) -> list[float]:

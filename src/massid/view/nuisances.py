@@ -14,6 +14,7 @@ from massid.view.page import HtmlPage
 _COLOUR = "#0a8a78"
 _FAR, _KNOWN = 3.0, 0.5
 _LEAST_REACH = 2.5
+_LEAST_PRIOR = 1e-12
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ def write_nuisances(page: HtmlPage, document: Document) -> None:
 
 def _row(label: str, entry: NuisanceEntry, noise: Mapping[str, float]) -> _Row:
     centre, prior = entry.nominal, entry.prior_std
-    if entry.kind == WrenchOffset.kind and noise.get("force_offset"):
+    if entry.kind == WrenchOffset.kind and noise.get("force_offset", 0.0) > _LEAST_PRIOR:
         centre, prior = 0.0, noise["force_offset"]
     label += f" (log {entry.log})" if entry.log else ""
     unit = "" if entry.unit == "1" else f" {entry.unit}"
