@@ -3,9 +3,9 @@
     python scripts/fuzz_reader.py --inputs 50000
 
 Logs of several writers, encodings and compressions have bytes flipped, cut out, inserted, blanked or repeated; topic
-maps have lines changed; results have entries and arrays of their sidecars changed, and checksums that agree. What comes out of a damaged
-log is compared with what was written. Inputs that crash the reader, keep it busy or give a wrong number are kept in
---keep, and the exit code is 1.
+maps have lines changed; results have entries and arrays of their sidecars changed, and checksums that agree. What comes
+out of a damaged log is compared with what was written. Inputs that crash the reader, keep it busy or give a wrong
+number are kept in --keep, and the exit code is 1.
 """
 
 from __future__ import annotations

@@ -164,7 +164,7 @@ def test_a_document_that_lacks_something_is_refused(changes: dict[str, object], 
 @pytest.mark.parametrize(
     ("where", "value", "message"),
     [
-        (("links", HIDDEN, "nominal_kg"), 0, f"/links/{HIDDEN}/nominal_kg is 0; expected a finite number above 0"),
+        (("links", HIDDEN, "nominal_kg"), 0, f"/links/{HIDDEN}/nominal_kg is 0; expected a finite number above 1e-12"),
         (("links", "torso", "interval95_kg"), [4.2], "/links/torso/interval95_kg is a list; expected a list of length"),
         (("links", "torso", "interval95_kg", 1), "x", "/links/torso/interval95_kg/1 is 'x'; expected a finite number"),
         (

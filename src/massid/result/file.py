@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -103,9 +104,10 @@ def _finite(text: str) -> float:
 
 
 def _whole(text: str) -> int:
-    if len(text) > _SHOWN:
+    value = int(text)
+    if LARGEST < abs(value) < sys.float_info.max:  # larger ones are no numbers to whoever checks the entries
         raise _NotFiniteError(f"{text[:_SHOWN]}... of {len(text)} digits")
-    return int(text)
+    return value
 
 
 def _check_links(document: Document, path: Path) -> None:
