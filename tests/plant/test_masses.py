@@ -65,3 +65,21 @@ def test_impossible_masses_are_refused(atlas: Robot) -> None:
         HiddenMasses({"l_foot": float("nan")}).true_kg(atlas)
     with pytest.raises(BadInputError, match="must be a finite number, at least 0"):
         MassErrors(norm_kg=-1.0).draw(atlas, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("where", ["torso", "l_foot", "r_hand@0,0,0.1"])
+@pytest.mark.parametrize("payload_kg", [1e-3, 5.0])
+def test_a_payload_is_on_top_of_the_link(atlas: Robot, where: str, payload_kg: float) -> None:
+    hidden = HiddenMasses({"l_thigh": 1.0}, {where: payload_kg})
+    link, _, point = where.partition("@")
+    true, plain = hidden.true_model(atlas).body(link), atlas.model.body(link)
+    assert float(true.mass[0] - plain.mass[0]) == pytest.approx(payload_kg)
+    at = np.array([float(x) for x in point.split(",")]) if point else np.zeros(3)
+    np.testing.assert_allclose(true.mass * true.ipos, plain.mass * plain.ipos + payload_kg * at, atol=1e-12)
+    assert hidden.true_kg(atlas)[link] == pytest.approx(float(plain.mass[0]))
+
+
+@pytest.mark.parametrize("payload_kg", [0.0, -1.0, float("nan"), float("inf")])
+def test_a_payload_weighs_something(atlas: Robot, payload_kg: float) -> None:
+    with pytest.raises(BadInputError, match="expected a finite mass above 0"):
+        HiddenMasses({}, {"torso": payload_kg}).true_model(atlas)

@@ -16,7 +16,7 @@ from massid.ranges import require_at_most, require_not_negative, require_positiv
 from massid.walk.noise import NoisePreset
 
 if TYPE_CHECKING:
-    from massid.plant import HiddenMasses, RecordingReport
+    from massid.plant import RecordingReport
 
 LONGEST_S = 3600.0
 """An hour of walking is 3 GB."""
@@ -33,6 +33,7 @@ class Record:
       massid record walk.mcap --robot light --seconds 30 --gait turn --seed 3
       massid record walk.mcap --robot nimble --gait stamp --rate-hz 500
       massid record walk.mcap --mass torso=+4 l_foot=-0.5
+      massid record walk.mcap --payload l_hand=+0.5
       massid record walk.mcap --noise realistic
     """
 
@@ -52,6 +53,9 @@ class Record:
     """L2 norm of mass errors in a random direction; default 6 for atlas, a quarter of the links' norm for others."""
     mass: MassErrorList = ()
     """Mass errors of your own, LINK=+KG, instead of random ones."""
+    payload: MassErrorList = ()
+    """What links carry, LINK=+KG or LINK@X,Y,Z=+KG: a point mass at the origin of the link's frame, or at a point in it
+    [m]; however light, and on any link that moves. The truth file has it beside the masses of the links themselves."""
     noise: NoisePreset = "clean"
     """Noise of the sensors; offsets and gains that were drawn go into the truth file alone."""
     seed: int = 0
@@ -83,7 +87,7 @@ class Record:
         """
         from massid.assets import resolve_model
         from massid.cli.console import progress_bar
-        from massid.plant import MassErrors, record_walk
+        from massid.plant import HiddenMasses, MassErrors, record_walk
         from massid.plant.truth import truth_path
 
         if self.mass and self.mass_error_kg is not None:
@@ -97,7 +101,9 @@ class Record:
             [("the model (--robot)", model)], [("the log", self.out), ("the truth file beside the log", truth)]
         )
         check_suffix("the log", self.out, ".mcap", pipes=False)
-        hidden = parse_masses(self.mass) if self.mass else MassErrors(norm_kg=self.mass_error_kg)
+        masses = parse_masses("--mass", self.mass)
+        hidden = HiddenMasses(masses) if masses else MassErrors(norm_kg=self.mass_error_kg)
+        payload_kg = parse_masses("--payload", self.payload)
         with progress_bar("walking") as progress:
             return record_walk(
                 model,
@@ -106,6 +112,7 @@ class Record:
                 gait=self.gait,
                 controller=self.controller,
                 hidden=hidden,
+                payload_kg=payload_kg,
                 noise=self.noise,
                 period_s=None if self.rate_hz is None else 1.0 / self.rate_hz,
                 seed=self.seed,
@@ -113,14 +120,12 @@ class Record:
             )
 
 
-def parse_masses(arguments: Sequence[str]) -> HiddenMasses:
-    """Read LINK=+KG arguments.
+def parse_masses(option: str, arguments: Sequence[str]) -> dict[str, float]:
+    """Read LINK=+KG arguments of an option.
 
     Raises:
         BadInputError: an argument has another form, or names a link twice.
     """
-    from massid.plant import HiddenMasses
-
     errors: dict[str, float] = {}
     for argument in arguments:
         link, equals, value = argument.partition("=")
@@ -129,8 +134,8 @@ def parse_masses(arguments: Sequence[str]) -> HiddenMasses:
         except ValueError:
             equals = ""
         if not equals or not link:
-            raise BadInputError(f"--mass {argument}: expected LINK=+KG, for example torso=+4 or l_foot=-0.5.")
+            raise BadInputError(f"{option} {argument}: expected LINK=+KG, for example torso=+4 or l_foot=-0.5.")
         if link in errors:
-            raise BadInputError(f"--mass names '{link}' twice.")
+            raise BadInputError(f"{option} names '{link}' twice.")
         errors[link] = error_kg
-    return HiddenMasses(errors)
+    return errors

@@ -1,4 +1,4 @@
-"""Hidden mass errors: what the simulated robot weighs and nobody but the score may know."""
+"""Hidden masses: what the simulated robot weighs and carries, and nobody but the score may know."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import numpy as np
 
 from massid.errors import BadInputError
 from massid.model.robot import WALKING_LINKS, Robot
-from massid.model.unknowns.spaces import mass_space
+from massid.model.unknowns.spaces import ask, mass_space
+from massid.model.unknowns.unknown import Unknown
 from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
 
@@ -24,13 +25,15 @@ _ROUNDING = 1e-12
 
 @dataclass(frozen=True)
 class HiddenMasses:
-    """True minus nominal mass of some links.
+    """True minus nominal mass of some links, and what any link carries besides.
 
     Attributes:
         error_kg: by link; the other links weigh what the model file says.
+        payload_kg: point masses by where they are, LINK (the origin of its frame) or LINK@X,Y,Z in its frame [m].
     """
 
     error_kg: Mapping[str, float] = field(default_factory=dict)
+    payload_kg: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def norm_kg(self) -> float:
@@ -38,7 +41,7 @@ class HiddenMasses:
         return float(np.linalg.norm(list(self.error_kg.values())))
 
     def true_kg(self, robot: Robot) -> dict[str, float]:
-        """True mass of every link [kg].
+        """True mass of every link, without what it carries [kg].
 
         Raises:
             ModelError: a name is not a link with a mass.
@@ -57,17 +60,34 @@ class HiddenMasses:
         return masses
 
     def true_model(self, robot: Robot) -> mujoco.MjModel:
-        """Compile the robot with its true masses; inertias scale with them, centres of mass stay.
+        """Compile the robot with its true masses; inertias scale with them, centres of mass stay but for payloads.
 
         Raises:
-            ModelError: a name is not a link with a mass.
-            BadInputError: a true mass lies outside Theta.
+            ModelError: a name is not a link with a mass, or of what carries a payload.
+            BadInputError: a true mass lies outside Theta, or a payload is not heavier than nothing.
         """
-        masses = self.true_kg(robot)
-        if not self.error_kg:
+        masses, payloads = self.true_kg(robot), self.payloads(robot)
+        if not (self.error_kg or payloads):
             return robot.spec.copy().compile()
-        space = self._space(robot)
-        return robot.model_at(space, np.array([masses[parameter.target] for parameter in space.parameters]))
+        links = self._space(robot).parameters if self.error_kg else ()
+        space = ParameterSpace((*links, *(payload for payload, _ in payloads)))
+        values = [*(masses[parameter.target] for parameter in links), *(kg for _, kg in payloads)]
+        return robot.model_at(space, np.array(values))
+
+    def payloads(self, robot: Robot) -> list[tuple[Unknown, float]]:
+        """What is carried, as the unknown that it is to identification, and its mass [kg].
+
+        Raises:
+            ModelError: no such body, or one that does not move.
+            BadInputError: a payload is not heavier than nothing, or nowhere near the robot.
+        """
+        found = []
+        for where, mass_kg in self.payload_kg.items():
+            if not 0.0 < mass_kg < np.inf:
+                raise BadInputError(f"The payload on '{where}' is {mass_kg:g} kg; expected a finite mass above 0.")
+            (payload,) = ask(robot, f"payload/{where}")
+            found.append((payload, mass_kg))
+        return found
 
     def _space(self, robot: Robot) -> ParameterSpace:
         return mass_space(robot, self.error_kg, welded_too=True)

@@ -32,10 +32,17 @@ def truth_of(robot: Robot, hidden: HiddenMasses, seed: int | None, details: Mapp
         },
         "changed_links": list(hidden.error_kg),
         "error_norm_kg": hidden.norm_kg,
+        **_carried(robot, hidden),
         "seed": seed,
         **(details or {}),
     }
     return as_json(document)
+
+
+def _carried(robot: Robot, hidden: HiddenMasses) -> dict[str, Any]:
+    """Payloads, named as what identification may be asked for; nothing if there are none."""
+    payloads = {payload.name: mass_kg for payload, mass_kg in hidden.payloads(robot)}
+    return {"quantities": payloads} if payloads else {}
 
 
 def as_json(document: Mapping[str, Any]) -> bytes:

@@ -90,6 +90,7 @@ def record_walk(
     gait: Gait | str = "random",
     controller: Controller = "auto",
     hidden: HiddenMasses | MassErrors | None = None,
+    payload_kg: Mapping[str, float] | None = None,
     noise: NoisePreset = "clean",
     period_s: float | None = None,
     seed: int = 0,
@@ -109,6 +110,7 @@ def record_walk(
         controller: whether the walker commands torques, or targets of the position servos that the file gives the
             joints; auto as the file drives them.
         hidden: the mass errors, or how to draw them; None draws `MassErrors()`.
+        payload_kg: what links carry besides, however light, as `HiddenMasses` has it.
         noise: of the sensors: clean, white, realistic or harsh; the walker senses without noise.
         period_s: of the log's samples [s], a whole number of the model's steps; None for one. Torques and wrenches are
             means over it.
@@ -122,7 +124,7 @@ def record_walk(
         LogError: the log cannot be written.
     """
     path = Path(path)
-    walk = _Walk(gait, controller, duration_s, period_s, seed)
+    walk = _Walk(gait, controller, duration_s, period_s, seed, payload_kg or {})
     if noise == "clean":
         return _record_clean(source, path, walk, hidden, progress)
     check_noise(noise)
@@ -149,6 +151,7 @@ class _Walk:
     duration_s: float
     period_s: float | None
     seed: int
+    payload_kg: Mapping[str, float]
 
 
 def _record_clean(
@@ -165,6 +168,7 @@ def _record_clean(
     hidden = MassErrors() if hidden is None else hidden
     details = {"masses_drawn": isinstance(hidden, MassErrors), "gait": gait.name}
     masses = hidden.draw(robot, masses_rng) if isinstance(hidden, MassErrors) else hidden
+    masses = replace(masses, payload_kg={**masses.payload_kg, **asked.payload_kg})
     walker = _walker(robot, gait, asked.controller, gait_rng)
     options = PlantOptions(control_period_s=walker.control_period_s, feet=walker.foot_names)
     environment = make_environment(robot, masses, initial_qpos=walker.initial_qpos(), options=options)
