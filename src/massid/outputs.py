@@ -52,6 +52,8 @@ def check_outputs(inputs: Sequence[NamedFile], outputs: Sequence[NamedFile]) -> 
     for name, path in outputs:
         if path is None:
             continue
+        if str(path) == "-":
+            raise BadInputError(f"{name} is '-': name a file; what is one text can be written to /dev/stdout.")
         for other, taken in read:
             if _is_same(path, taken):
                 raise BadInputError(f"{path} is {other} itself; give {name} another name.")

@@ -70,6 +70,8 @@ def contents(folder: Path) -> dict[str, str]:
         ("report result.json -o result.json", "result.json is the result itself; give the page (-o) another name"),
         ("report result.json -o result.npz", "result.npz is the result's sidecar itself"),
         ("record robot.xml --robot robot.xml", "robot.xml is the model (--robot) itself; give the log another name"),
+        ("report result.json -o -", "the page (-o) is '-': name a file"),
+        ("repair walk.mcap.partial -", "the repaired file is '-': name a file"),
         ("record /dev/null --seconds 1", "the log /dev/null: is a pipe or a device"),
         ("corrupt walk.mcap /dev/stdout", "the log /dev/stdout: is a pipe or a device"),
         ("identify walk.mcap --save-model /dev/stdout", "models are saved to files"),

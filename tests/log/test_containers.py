@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from massid.errors import LogError
 from massid.log import read_walk, summarise_log
 from massid.walk import Segment
-from tests.log.samples import Foreign, as_ros1, assert_same, make_samples
+from tests.log.samples import Foreign, as_ros1, assert_same, make_samples, write_samples
 
 N = 60
 
@@ -117,3 +117,12 @@ def test_a_damaged_bag_is_one_line(tmp_path: Path, start) -> None:
     with pytest.raises(LogError, match=r"that cannot be read: ") as caught:
         read_walk(path)
     assert "\n" not in str(caught.value)
+
+
+def test_what_a_killed_command_left_beside_a_bag_is_no_part_of_it(tmp_path: Path) -> None:
+    samples = make_samples(40)
+    write_samples(tmp_path / "walk_0.mcap", samples)
+    (tmp_path / ".massid-0123456789ab.partial.mcap").write_bytes(b"half of a log")
+    assert len(read_walk(tmp_path)) == len(samples)
+    with pytest.raises(LogError, match=r"has walk_0\.mcap\.$"):
+        read_walk(tmp_path / "other.mcap")

@@ -71,7 +71,7 @@ def _files_of(folder: Path) -> tuple[list[Path], list[str]]:
             raise LogError(f"{folder}: none of the files that its {_METADATA} lists is there ({', '.join(named)}).")
         lost = [f"{file.name} is listed in {_METADATA}, but is not there." for file in files if file not in there]
         return there, lost
-    found = sorted(file for pattern in ("*.mcap", "*.db3") for file in folder.glob(pattern))
+    found = sorted(file for pattern in ("[!.]*.mcap", "[!.]*.db3") for file in folder.glob(pattern))
     numbered = {file: match for file in found if (match := _SPLIT.match(file.stem)) is not None}
     if found and len(numbered) == len(found) and len({match["stem"] for match in numbered.values()}) == 1:
         files = sorted(found, key=lambda file: int(numbered[file]["number"]))

@@ -75,7 +75,7 @@ def _start_of(path: Path) -> bytes:
 
 
 def _mcap_files(folder: Path) -> str:
-    names = sorted(entry.name for entry in folder.glob("*.mcap*")) if folder.is_dir() else []
+    names = sorted(entry.name for entry in folder.glob("[!.]*.mcap*")) if folder.is_dir() else []
     if not names:
         return "no MCAP file"
     more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
