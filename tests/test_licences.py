@@ -116,13 +116,16 @@ def licence_files(found: Distribution) -> Iterable[str]:
     return (path.read_text() for path in paths if re.match(r"licen[cs]e|copying", path.name, re.IGNORECASE))
 
 
-def needed() -> dict[str, Distribution]:
-    """Everything that massid's dependencies bring with them here, by name.
+def needed(groups: Iterable[str] = ()) -> dict[str, Distribution]:
+    """Everything that massid's dependencies, and those of groups, bring with them here, by name.
 
     They are read from pyproject.toml: what is installed may have the metadata of an older massid.
     """
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    todo = [(Requirement(line), {""}) for line in project["dependencies"]]
+    content = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    lines = content["project"]["dependencies"] + [
+        line for group in groups for line in content["dependency-groups"][group]
+    ]
+    todo = [(Requirement(line), {""}) for line in lines]
     seen: set[tuple[str, frozenset[str]]] = set()
     found: dict[str, Distribution] = {}
     while todo:
