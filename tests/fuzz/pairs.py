@@ -107,8 +107,7 @@ def write_pair(folder: Path, rng: np.random.Generator) -> Path:
             del inner[where[-1]]
         else:
             inner[where[-1]] = copy.deepcopy(VALUES[int(rng.integers(len(VALUES)))])
-    for _ in range(int(rng.integers(0, 3))):
-        name = sorted(arrays)[int(rng.integers(len(arrays)))]
+    for name in rng.permutation(sorted(arrays))[: int(rng.integers(0, 3))].tolist():
         if rng.random() < 0.2 or arrays[name].size < 2:
             del arrays[name]
         else:

@@ -4,6 +4,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from massid.errors import BadInputError
 from massid.identify import IdentifyOptions
@@ -278,3 +279,14 @@ def test_threads_do_not_matter_to_the_bit(pushed: Pushed) -> None:
     assert one.uncertainty is not None
     assert two.uncertainty is not None
     np.testing.assert_array_equal(one.uncertainty.covariance, two.uncertainty.covariance)
+
+
+def test_a_noisy_log_gives_the_same_bits_with_any_number_of_threads(pushed: Pushed) -> None:
+    """Of the bank, and of BLAS."""
+    walk, found = _measured(pushed), []
+    for threads in (1, 2):
+        with threadpool_limits(threads):
+            result = weigh_online(walk, pushed.robot, pushed.space, replace(WHITE, threads=threads))
+        assert result.uncertainty is not None
+        found.append((result.estimate.tobytes(), result.uncertainty.covariance.tobytes()))
+    assert found[0] == found[1]
