@@ -201,16 +201,16 @@ def test_pictures_and_recordings_are_made_where_there_is_no_home(tmp_path: Path)
     homes = dict.fromkeys(("HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "XDG_STATE_HOME"), "/proc")
     environment = {name: value for name, value in os.environ.items() if name != "MPLCONFIGDIR"} | homes
     code = (
-        "import sys\n"
+        "from pathlib import Path\n"
         "import rerun\n"
-        "from massid.cli import main\n"
+        "from massid.paper.figures import page\n"
         "stream = rerun.RecordingStream('massid')\n"
         "memory = stream.memory_recording()\n"
         "stream.log('a', rerun.TextDocument('b'))\n"
         "assert memory.drain_as_bytes()\n"
-        "sys.exit(main(['paper', '--only', 'A', '--out', '.']))\n"
+        "with page(Path('figure.png'), 1, 1, (3.0, 2.0)) as axes: axes.plot([0, 1], label='a')\n"
     )
     command = [sys.executable, "-B", "-c", code]
     done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["fig2.png", "index.html", "results.json"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["figure.png"]
