@@ -287,9 +287,10 @@ class Weighing:
         )
 
     def foresee(self, progress: Progress = silent) -> Verdict:
-        """Say what the logs can reveal, without fitting anything."""
+        """Say what the logs can reveal, without fitting anything; no other motion helps a log that was misread."""
         with single_threaded():
-            return foresee(self.logs, self.robot, self.asked, self.options, progress)
+            verdict = foresee(self.logs, self.robot, self.asked, self.options, progress)
+        return replace(verdict, advice=()) if self.denied else verdict
 
     def replay(self, n_models: int | None = None) -> WalkReplay:
         """The first log with a bank of models, for an optimiser of one's own; see `WalkReplay.score`.
@@ -329,7 +330,7 @@ class Weighing:
             again = identify_offline(filled, self.robot, options, lambda _, what: progress(1.0, what), stop)
         except StoppedError:
             return once.stopped_early()
-        return once if again.status is Status.NOT_CONVERGED else again
+        return replace(once, replayed=True) if again.status is Status.NOT_CONVERGED else again
 
     def check(self, result: Result) -> Result:
         """The result with what the logs say about it."""

@@ -14,9 +14,11 @@ from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
 from massid.result import Status
 from massid.result.combinations import open_combinations
+from massid.result.disagreement import disagreement
 from massid.result.verdict import Motion, Verdict
 from massid.walk import Segment, Walk
 from massid.walk.noise import PRESETS, Sensors
+from massid.weighing import Weighing
 from tests.conftest import Pushed
 from tests.pushed_robot import LINKS, fly_about, make_robot, push_about
 from tests.weighed import verdict_on, weigh_offline, weigh_online
@@ -183,7 +185,37 @@ def test_a_search_that_a_short_log_ends_says_so(pushed: Pushed) -> None:
     said = replace(result, status=Status.NOT_CONVERGED).unsettled
     assert said is not None
     assert "kg in " in said
-    assert said.endswith("(`mode=offline`)")
+    assert "replay it (`mode=offline`)" in said
+    in_vain = replace(result, status=Status.NOT_CONVERGED, replayed=True).unsettled
+    assert in_vain is not None
+    assert "mode=offline" not in in_vain  # that was tried
+    assert "longer" not in said + in_vain  # the motion shows everything
+
+
+@pytest.mark.parametrize(("too_wide", "remedy"), [(1.5, " s of the same motion would do"), (50.0, "would hardly help")])
+def test_more_of_the_same_motion_is_advised_where_it_would_do(pushed: Pushed, too_wide: float, remedy: str) -> None:
+    """Deviations fall as the root of the time: half as much again takes 2.25 times as long."""
+    verdict = verdict_on(pushed.walk, pushed.robot, pushed.space)
+    limit = dict(zip(LINKS, (0.25 * pushed.space.scale).tolist(), strict=True))
+    std = {link: too_wide * kg for link, kg in limit.items()}
+    (line,) = disagreement(verdict, ["l_calf"], std, contradicted=False, log_s=4.0)
+    assert remedy in line
+    if too_wide < 2.0:
+        assert f"{4.0 * too_wide**2:.2g} s of" in line
+    still = replace(verdict, facts=replace(verdict.facts, motion=Motion.STANDING))
+    (line,) = disagreement(still, ["l_calf"], std, contradicted=False, log_s=4.0)
+    assert line.endswith("more motion is needed.")
+
+
+def test_no_motion_is_advised_for_a_log_that_was_misread(pushed: Pushed) -> None:
+    """A robot that stands is told to walk, unless its torques have the wrong sign."""
+    standing = push_about(pushed.robot, pushed.space, pushed.truth, seconds=0.8, amplitude=0.0)
+    options = IdentifyOptions(dwell_s=0.2)
+    sound = Weighing.prepare(standing, pushed.robot, LINKS, options=options)
+    assert sound.foresee().advice
+    turned = Weighing.prepare(replace(standing, effort=-standing.effort), pushed.robot, LINKS, options=options)
+    assert turned.denied
+    assert not turned.foresee().advice
 
 
 def test_noise_does_not_make_a_standing_robot_move(standing: Walk) -> None:

@@ -44,6 +44,16 @@ def test_nothing_is_not_a_walk(pushed: Pushed) -> None:
         replace(pushed.walk, **{name: getattr(pushed.walk, name)[:0] for name in parts}, segments=())
 
 
+def test_a_longer_walk_is_asked_for_only_where_the_log_is_too_short(pushed: Pushed) -> None:
+    """Samples that would fill a window but for gaps are not too few."""
+    cut = replace(pushed.walk, segments=(Segment(0, 150), Segment(200, 350)))
+    with pytest.raises(LogError, match=r"1 gaps cut 0.3 s of samples .* mend what cuts the log") as error:
+        cut.filled_windows(0.25)
+    assert "longer" not in str(error.value)
+    with pytest.raises(LogError, match="record a longer walk"):
+        replace(pushed.walk, segments=(Segment(0, 150),)).filled_windows(0.25)
+
+
 def test_a_part_of_a_walk_keeps_what_is_in_use(pushed: Pushed) -> None:
     walk = replace(pushed.walk, segments=(Segment(0, 100), Segment(120, 300), Segment(400, 500)))
     part = walk.between(110, 450)

@@ -67,11 +67,10 @@ class ExactInference:
         rest = relative_rest(space, findings.estimate, findings.last)
         if rest < LARGEST_REST:
             return Assessment(excitation, None, settled, ())
-        unsettled = "" if settled else "; or the search has not settled, and a longer walk helps"
         warning = (
             f"these links' masses do not explain the log: what is left weighs as much as an error of {rest:.2%} in "
             "each of them. Links that were not named (`links`), the model or the log are off, and so are the masses "
-            f"found{unsettled}."
+            f"found{'.' if settled else '; or the search has not settled yet.'}"
         )
         return Assessment(excitation, None, settled, (warning,), contradicted=True)
 

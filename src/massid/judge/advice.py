@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 from massid.judge.motion import neighbouring_joints
 from massid.model.robot import Robot
+from massid.result.disagreement import LONGEST_S
 from massid.result.verdict import Motion, MotionFacts
 
 _NAMED = 4
-_LONGEST_S = 60.0
-"""A log that would have to be longer is not recommended: sensors' offsets drift."""
 _ENOUGH_RAD = 0.1
 """Excursion (standard deviation) beyond which a joint is not said to move too little [rad]."""
 
@@ -52,7 +51,7 @@ def advise(
             lines = [_STANDING, *stiff]
         case Motion.MOVING:
             lines = stiff or ["larger and faster motion of " + ", ".join(hidden)]
-    if enough_s is not None and enough_s <= _LONGEST_S:
+    if enough_s is not None and enough_s <= LONGEST_S:
         lines.append(f"more of the same motion: {enough_s:.3g} s would do")
     elif facts.motion is not Motion.IN_THE_AIR:
         lines.append("more of the same motion would hardly help: what is missing hides behind the sensors' offsets")

@@ -148,6 +148,7 @@ class Result:
         sources: the logs.
         evidence: robot and logs that it was found from; None if nobody kept them.
         stopped: whether the search was stopped from outside.
+        replayed: whether replays of the logs have not settled what one pass had not either.
     """
 
     space: ParameterSpace
@@ -166,6 +167,7 @@ class Result:
     quantities: tuple[Quantity, ...] = ()
     evidence: Evidence | None = field(default=None, repr=False, compare=False)
     stopped: bool = False
+    replayed: bool = False
 
     def __getstate__(self) -> dict[str, Any]:
         """Without robot and logs, which stay where they are: results come back from other processes."""
@@ -239,7 +241,7 @@ class Result:
         quantities = tuple(quantity.without(hidden) for quantity in self.quantities)
         result = replace(self, verdict=verdict, excitation=excitation, status=status, quantities=quantities)
         sums = (result.known_sum(one) for one in verdict.sums)
-        said = disagreement(verdict, result.unforeseen, result.std_kg, result.contradicted)
+        said = disagreement(verdict, result.unforeseen, result._deviations_kg, result.contradicted, result.log_s)
         return replace(
             result,
             verdict=replace(verdict, sums=tuple(one for one in sums if one is not None)),
@@ -258,9 +260,11 @@ class Result:
         parameter = self.space.parameters[worst]
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
         said = f"the last step was still {step[worst]:.2g}{unit} in {parameter.target}"
+        if self.replayed:
+            return f"{said}, when the log ended, and replays did not settle it: see the warnings for what is wrong"
         if self.mode == "online":
-            return f"{said}, when the log ended: walk longer, or replay the log (`mode=offline`)"
-        return f"{said}: more `passes`, a longer walk, or see the warnings for what is wrong"
+            return f"{said}, when the log ended: replay it (`mode=offline`), or see the warnings for what is wrong"
+        return f"{said}: more `passes`, or see the warnings for what is wrong"
 
     @property
     def contradicted(self) -> bool:
@@ -342,6 +346,11 @@ class Result:
     def std_kg(self) -> dict[str, float]:
         """Standard deviation of each link's mass [kg]; empty for a log without noise."""
         return {} if self.uncertainty is None else self.masses_kg(self.uncertainty.std)
+
+    @property
+    def _deviations_kg(self) -> dict[str, float]:
+        """Those of a log without noise as ordinary encoders would leave them."""
+        return self.std_kg or self.masses_kg(self.excitation.reference_std)
 
     @property
     def together(self) -> Sum | None:

@@ -180,7 +180,7 @@ class Walk:
         windows = list(self.windows(dwell_s))
         if not windows:
             longest = max(len(segment) for segment in self.segments) * self.timestep_s
-            if self.duration_s > 2.0 * dwell_s:
+            if len(self.segments) > 1 and self.duration_s > dwell_s:
                 lost = next((line for line in reversed(self.warnings) if "left out" in line or "gap" in line), "")
                 raise LogError(
                     f"{self.source}: {len(self.segments) - 1} gaps cut {self.duration_s:.4g} s of samples into pieces "
