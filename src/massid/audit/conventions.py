@@ -36,6 +36,8 @@ _EXACTLY = 0.02
 _SHOWN = 4
 _MOST_BODIES = 6
 _CONVINCING, _LESS, _MUCH_LESS = 0.3, 0.5, 0.1
+_LEAST = 0.1
+"""Factors of single joints below this look for masses of nothing, which no force explains best."""
 _TAKES = 0.01
 _COUNTS = 1e-4  # share of the largest torque below which a joint's factor says nothing
 
@@ -257,9 +259,9 @@ def _by_joint(robot: Robot, walk: Walk, balance: Balance) -> Convention | None:
             rest,
             fitted=True,
         )
-    off = {name: factor for name, factor in found.items() if factor > 0.0 and abs(factor - 1.0) > _CHANGED}
+    off = {name: factor for name, factor in found.items() if abs(factor - 1.0) > _CHANGED}
     given = target - balance.unexplained(balance.smooth(balance.force_of_torques(torque, robot)))
-    if off and np.linalg.norm(rest) < _EXACTLY * np.linalg.norm(given):
+    if off and min(off.values()) > _LEAST and np.linalg.norm(rest) < _EXACTLY * np.linalg.norm(given):
         listed = ", ".join(f"{name}: {factor:.3g}" for name, factor in list(off.items())[:_SHOWN])
         more = f" and {len(off) - _SHOWN} more" if len(off) > _SHOWN else ""
         return Convention(
