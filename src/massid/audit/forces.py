@@ -274,8 +274,9 @@ def _noise_of(robot: Robot, walk: Walk, balance: Balance, count: int) -> float:
 
 
 def _slow_noise(walk: Walk) -> SensorNoise:
-    """Offsets and gains in proportion to the white noise of a log."""
-    return _SLOW.scaled(white_level(walk.qvel[:, 6:]) / _SLOW.joint_velocity)
+    """Offsets and gains in proportion to the white noise of a log: to that at 1 kHz which would tell as much."""
+    at_1_khz = white_level(walk.qvel[:, 6:]) * np.sqrt(walk.timestep_s / 1e-3)
+    return _SLOW.scaled(float(at_1_khz) / _SLOW.joint_velocity)
 
 
 def slow_errors(

@@ -26,6 +26,7 @@ _RATE_TOLERANCE = 0.05
 _LEAST_SHARED = 0.5
 _JITTER = 0.05  # of a period: samples farther off an even clock than this are not taken as evenly spaced
 _SLOW_S = 0.005
+_FASTER = 0.75  # of a period: streams that come more often are averaged
 _ON_CLOCK, _PHASE = 0.95, 1e-4  # this share of the stamps must be this close to an even clock, in periods
 MOST_BRIDGED = 3
 """Lost samples in a row that are interpolated."""
@@ -46,6 +47,7 @@ class Alignment:
         segments: runs without a gap or a jump of the clock.
         resampled: whether the streams must be resampled.
         bridged: whether some streams lack a sample here and there, which is interpolated.
+        averaged: whether states that come more often are averaged before they are resampled.
         warnings: what was left out, one line each.
     """
 
@@ -56,6 +58,7 @@ class Alignment:
     segments: tuple[Segment, ...]
     resampled: bool
     bridged: bool
+    averaged: bool
     warnings: tuple[str, ...]
 
     @property
@@ -64,15 +67,19 @@ class Alignment:
         return not self.resampled and not self.bridged
 
 
-def align(settled: Settled, source: str, lead: str, rate: Rate = Rate.AUTO, even: bool = False) -> Alignment:
+def align(
+    settled: Settled, source: str, lead: str, rate: Rate = Rate.AUTO, *, even: bool = False, noisy: bool = False
+) -> Alignment:
     """Match the samples of several streams by their stamps.
 
     Args:
         settled: streams on one clock; the first is the reference when rates are equal.
         source: name of the file, for messages.
-        lead: the stream whose rate `Rate.AUTO` takes.
+        lead: the stream whose rate `Rate.AUTO` takes if there is no noise.
         rate: which stream's rate the walk gets if they differ.
         even: the stamps were taken when samples arrived; jitter in them is not of the samples, which are evenly spaced.
+        noisy: the states have sensor noise, which must stay white and of one level: `Rate.AUTO` takes the slowest
+            rate, for what is put between samples is smooth, and averages states that come more often.
 
     Raises:
         LogError: no time has a sample of every stream around it.
@@ -91,14 +98,17 @@ def align(settled: Settled, source: str, lead: str, rate: Rate = Rate.AUTO, even
             return _shared(common, times, breaks, lines)
         why_not = f"stamps are up to {_jitter(common):.0%} of a period off an even clock"
     periods = {name: _period(stamps) for name, stamps in times.items()}
+    slowest = max(periods, key=lambda name: periods[name])
     leader = {
-        Rate.AUTO: lead,
-        Rate.SLOWEST: max(periods, key=lambda name: periods[name]),
+        Rate.AUTO: slowest if noisy else lead,
+        Rate.SLOWEST: slowest,
         Rate.FASTEST: min(periods, key=lambda name: periods[name]),
     }[rate]
     if periods[leader] == periods[next(iter(periods))]:
         leader = next(iter(periods))
-    return _on_one_clock(streams, times, breaks, lines, why_not, source, leader, even)
+    return _on_one_clock(
+        streams, times, breaks, lines, why_not, source, leader, even=even, averaged=noisy and rate is Rate.AUTO
+    )
 
 
 def _shared(common: IntArray, times: Mapping[str, IntArray], breaks: IntArray, warnings: list[str]) -> Alignment:
@@ -127,7 +137,7 @@ def _shared(common: IntArray, times: Mapping[str, IntArray], breaks: IntArray, w
     places = {*cuts.tolist(), *np.searchsorted(grid, breaks).tolist()}
     edges = [0, *sorted(places - {0, len(grid)}), len(grid)]
     segments = tuple(Segment(start, stop) for start, stop in pairwise(edges))
-    return Alignment(grid, rows, at, period, segments, False, bridged, tuple(warnings))
+    return Alignment(grid, rows, at, period, segments, False, bridged, False, tuple(warnings))
 
 
 def _bridged(
@@ -190,7 +200,9 @@ def _on_one_clock(
     why: str,
     source: str,
     leader: str,
+    *,
     even: bool,
+    averaged: bool,
 ) -> Alignment:
     """Find the stretches that every stream covers, and an even clock for each."""
     periods = {name: _period(stamps) for name, stamps in times.items()}
@@ -228,6 +240,12 @@ def _on_one_clock(
         f"{why}: resampled to the clock of {leader} ({NANOSECONDS / period:.6g} Hz); positions by cubic interpolation "
         "with the velocities as slopes, velocities linearly, torques and wrenches averaged over each period."
     ]
+    faster = [name for name in times if not streams[name].held and periods[name] < _FASTER * period]
+    if averaged and faster:
+        lines.append(
+            f"the log has sensor noise, and what is put between samples would hide it: so the slowest clock was taken, "
+            f"and states of {', '.join(faster)} were averaged over its periods (`rate: fastest` keeps every sample)."
+        )
     if period > _SLOW_S * NANOSECONDS:
         lines.append(f"a clock of {NANOSECONDS / period:.4g} Hz is slow for identification; 500 Hz or more is better.")
     lines += bridged
@@ -238,7 +256,7 @@ def _on_one_clock(
     segments = tuple(Segment(start, stop) for start, stop in pairwise(edges))
     stamps = np.concatenate(grids)
     rows = {name: np.arange(len(at)) for name, at in times.items()}
-    return Alignment(stamps, rows, times, round(period), segments, True, False, (*warnings, *lines))
+    return Alignment(stamps, rows, times, round(period), segments, True, False, averaged, (*warnings, *lines))
 
 
 def _intersect(left: list[tuple[int, int]], right: list[tuple[int, int]]) -> list[tuple[int, int]]:

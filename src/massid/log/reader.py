@@ -29,6 +29,7 @@ from massid.memory import give_back
 from massid.typing import FloatArray
 from massid.walk import Walk
 from massid.walk.conventions import LATEST_NS, NANOSECONDS
+from massid.walk.white_noise import CLEAN_VELOCITY, white_level
 
 _LIKE_A_SIMULATOR = 0.1
 _TYPES = {BASE_STATE: ODOMETRY, JOINT_STATE: JOINT_STATE_TYPE, WRENCH: WRENCH_STAMPED}
@@ -117,6 +118,8 @@ class _Reader:
         self.warnings += alignment.warnings
         metadata = dict(contents.metadata.get(METADATA_NAME, {}))
         self.check_metadata(metadata, alignment)
+        for signal in (*base.signals, *joints.signals):
+            signal.average(alignment)
         wrench = np.empty((len(alignment.stamps_ns), len(contacts), 6))
         for column, contact in enumerate(contacts.values()):
             wrench[:, column] = contact.signal.on(alignment)
@@ -266,7 +269,9 @@ class _Reader:
                 for contact, filled in zip(of_topic, values, strict=True):
                     contact.signal.values = filled
         settled = replace(settled, streams=streams)
-        return align(settled, self.source, joints.position[0].signal.stream, self.topics.rate, even=by_log)
+        noisy = any(white_level(part.signal.values) >= CLEAN_VELOCITY for part in joints.velocity)
+        lead = joints.position[0].signal.stream
+        return align(settled, self.source, lead, self.topics.rate, even=by_log, noisy=noisy)
 
     def times_by_log(self, topics: Mapping[str, TopicColumns]) -> bool:
         """Whether time is that of recording.

@@ -125,6 +125,7 @@ def read_base(layout: BaseMap, topics: Mapping[str, TopicColumns], warnings: lis
         signals[quantity] = Signal(columns, values * source.scale if source.scale != 1.0 else values)
     attitude = signals["orientation"]
     attitude.values = _attitude(attitude, layout.order, warnings)
+    attitude.is_attitude = True
     derived = [quantity for quantity in ("linear_velocity", "angular_velocity") if quantity not in signals]
     if derived:
         warnings.append(

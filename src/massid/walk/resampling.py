@@ -97,6 +97,13 @@ def multiply(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.column_stack([w, v])
 
 
+def signs_aligned(wxyz: FloatArray) -> FloatArray:
+    """The same attitudes as quaternions of which none jumps to the other sign, shape (n, 4)."""
+    turns = np.sum(wxyz[1:] * wxyz[:-1], axis=1) < 0.0
+    signs = np.concatenate([[1.0], np.where(np.cumsum(turns) % 2, -1.0, 1.0)])
+    return np.asarray(wxyz * signs[:, None])
+
+
 def rotation_between(a: FloatArray, b: FloatArray) -> FloatArray:
     """Rotation vector, in the frame of the first, from one attitude (wxyz) to another the shorter way, shape (n, 3)."""
     relative = multiply(a * np.array([1.0, -1.0, -1.0, -1.0]), b)

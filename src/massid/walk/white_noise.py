@@ -28,7 +28,7 @@ def white_level(signal: FloatArray, already_differenced: int = 0) -> float:
         already_differenced: how often it was differenced before.
     """
     order = 3 - already_differenced
-    if len(signal) <= order or not signal.shape[1]:
+    if len(signal) < order + 2 or not signal.shape[1]:
         return 0.0
     return float(np.median([_channel_level(np.diff(channel, n=order)) for channel in signal.T]))
 

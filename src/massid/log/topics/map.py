@@ -46,7 +46,8 @@ class Rate(enum.StrEnum):
     """The clock of a walk whose topics have clocks of their own."""
 
     AUTO = "auto"
-    """That of the joint states: base and wrenches that are slower are interpolated, faster ones averaged."""
+    """That of the joint states: base and wrenches that are slower are interpolated, faster ones averaged. In a log with
+    sensor noise that of the slowest topic: faster states are averaged, too."""
     SLOWEST = "slowest"
     FASTEST = "fastest"
 
