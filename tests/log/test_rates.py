@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from massid.log import load_topics, read_walk
-from tests.log.samples import Foreign, smooth_samples
+from tests.log.samples import JOINTS, Foreign, smooth_samples
 
 N = 400
 SLOW = {"/odom": 20, "/contact/l_foot": 4}
@@ -47,3 +47,35 @@ def test_every_sample_can_be_kept(foreign: Any, tmp_path: Path) -> None:
     (tmp_path / "map.yaml").write_text("preset: massid\nrate: fastest\n")
     walk = read_walk(noisy_log(foreign(1).path, "/odom").write(), load_topics(tmp_path / "map.yaml"))
     assert walk.timestep_s == pytest.approx(1e-3)
+
+
+def gripper(log: Foreign, every: int) -> None:
+    """A publisher of one more joint, which seldom sends, on the same topic."""
+    for row, message in reversed(list(enumerate(log.messages["/joint_states"]))):
+        if row % every == 0:
+            fields = {name: np.array([0.001 * row]) for name in ("position", "velocity", "effort")}
+            more = log.make("sensor_msgs/msg/JointState", header=message.header, name=["gripper"], **fields)
+            log.messages["/joint_states"].insert(row + 1, more)
+
+
+@pytest.mark.parametrize("noise", ["clean", "noisy"])
+def test_joints_that_come_seldom_are_left_out_or_interpolated_as_the_map_says(
+    foreign: Any, tmp_path: Path, noise: str
+) -> None:
+    """They never set the clock."""
+    log = (
+        noisy_log(foreign(1).path, "/contact/l_foot")
+        if noise == "noisy"
+        else Foreign(foreign(1).path, smooth_samples(N))
+    )
+    gripper(log, every=20)
+    path = log.write()
+    left = read_walk(path)
+    assert left.joint_names == JOINTS
+    assert any("`joints: seldom: keep` in a topic map takes" in line for line in left.warnings)
+    (tmp_path / "map.yaml").write_text("preset: massid\njoints: {seldom: keep}\n")
+    kept = read_walk(path, load_topics(tmp_path / "map.yaml"))
+    assert kept.joint_names == (*JOINTS, "gripper")
+    assert kept.timestep_s == pytest.approx(left.timestep_s)
+    rows = np.rint((kept.stamps_ns - smooth_samples(N).stamps[0]) / 1e6)
+    np.testing.assert_allclose(kept.qvel[:, -1], 0.001 * rows, atol=1e-9)

@@ -6,7 +6,7 @@ of them: see `massid.walk.resampling`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
@@ -68,7 +68,14 @@ class Alignment:
 
 
 def align(
-    settled: Settled, source: str, lead: str, rate: Rate = Rate.AUTO, *, even: bool = False, noisy: bool = False
+    settled: Settled,
+    source: str,
+    lead: str,
+    rate: Rate = Rate.AUTO,
+    *,
+    followers: Collection[str] = (),
+    even: bool = False,
+    noisy: bool = False,
 ) -> Alignment:
     """Match the samples of several streams by their stamps.
 
@@ -77,6 +84,7 @@ def align(
         source: name of the file, for messages.
         lead: the stream whose rate `Rate.AUTO` takes if there is no noise.
         rate: which stream's rate the walk gets if they differ.
+        followers: streams whose rate `Rate.AUTO` never takes.
         even: the stamps were taken when samples arrived; jitter in them is not of the samples, which are evenly spaced.
         noisy: the states have sensor noise, which must stay white and of one level: `Rate.AUTO` takes the slowest
             rate, for what is put between samples is smooth, and averages states that come more often.
@@ -100,7 +108,7 @@ def align(
     periods = {name: _period(stamps) for name, stamps in times.items()}
     slowest = max(periods, key=lambda name: periods[name])
     leader = {
-        Rate.AUTO: slowest if noisy else lead,
+        Rate.AUTO: max(periods.keys() - set(followers), key=lambda name: periods[name]) if noisy else lead,
         Rate.SLOWEST: slowest,
         Rate.FASTEST: min(periods, key=lambda name: periods[name]),
     }[rate]

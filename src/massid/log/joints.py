@@ -13,7 +13,7 @@ from massid.errors import LogError
 from massid.log.alignment import Alignment
 from massid.log.columns import TopicColumns
 from massid.log.signals import Signal, check_finite
-from massid.log.topics.map import JOINT_STATE, JointMap, TextField
+from massid.log.topics.map import JOINT_STATE, JointMap, Seldom, TextField
 from massid.typing import FloatArray
 from massid.walk import resampling
 
@@ -151,7 +151,9 @@ def _groups(layout: JointMap, columns: TopicColumns) -> list[tuple[str, ...]]:
     most = 0
     for names, count in sorted(sets.items(), key=lambda item: -item[1] * len(item[0])):
         ignored = all(_any(layout.ignore, name, layout.rename.get(name, name)) for name in names)
-        if names & taken or not names or (ignored and groups) or count < _OFTEN * most:
+        if names & taken or not names or (ignored and groups):
+            continue
+        if count < _OFTEN * most and layout.seldom is Seldom.LEAVE:
             continue
         most = most or count
         groups.append(next(t for t in columns.texts(layout.names.path) if frozenset(t) == names))
@@ -197,9 +199,11 @@ def _joint_values(
         if missing:
             others[rows] = True
             new = sorted(set(here) - set(logged))
+            apart = not set(here) & set(logged)
+            cure = "; `joints: seldom: keep` in a topic map takes what comes less often, too" if apart else ""
             other_reason = other_reason or (
                 f"sample {rows.start}: the joints differ from those of most samples "
-                f"(missing: {', '.join(missing)}; new: {', '.join(new) or 'none'})"
+                f"(missing: {', '.join(missing)}; new: {', '.join(new) or 'none'}{cure})"
             )
         elif found != len(here):
             wrong_width[rows] = True

@@ -271,7 +271,8 @@ class _Reader:
         settled = replace(settled, streams=streams)
         noisy = any(white_level(part.signal.values) >= CLEAN_VELOCITY for part in joints.velocity)
         lead = joints.position[0].signal.stream
-        return align(settled, self.source, lead, self.topics.rate, even=by_log, noisy=noisy)
+        others = {part.signal.stream for part in joints.position[1:]} - {lead}  # a gripper's, which come seldom
+        return align(settled, self.source, lead, self.topics.rate, followers=others, even=by_log, noisy=noisy)
 
     def times_by_log(self, topics: Mapping[str, TopicColumns]) -> bool:
         """Whether time is that of recording.

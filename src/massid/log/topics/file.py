@@ -32,6 +32,7 @@ from massid.log.topics.map import (
     On,
     Order,
     Rate,
+    Seldom,
     Silence,
     Source,
     TextField,
@@ -274,7 +275,19 @@ def _base(node: _Node) -> BaseMap:
 
 
 def _joints(node: _Node) -> JointMap:
-    keys = ("topic", "names", "position", "velocity", "effort", "rename", "ignore", "locked", "passive", "gears")
+    keys = (
+        "topic",
+        "names",
+        "position",
+        "velocity",
+        "effort",
+        "rename",
+        "ignore",
+        "locked",
+        "passive",
+        "gears",
+        "seldom",
+    )
     node.mapping(keys)
     names = node.child("names")
     rename, locked, gears = node.child("rename"), node.child("locked"), node.child("gears")
@@ -288,6 +301,7 @@ def _joints(node: _Node) -> JointMap:
         locked={str(key): locked.child(key).number() for key in locked.mapping()} if locked.value is not None else {},
         passive=node.child("passive").texts() if node.has("passive") else (),
         gears={str(key): gears.child(key).number() for key in gears.mapping()} if gears.value is not None else {},
+        seldom=node.child("seldom").choice(Seldom, Seldom.LEAVE),
     )
 
 

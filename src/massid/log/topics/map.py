@@ -52,6 +52,15 @@ class Rate(enum.StrEnum):
     FASTEST = "fastest"
 
 
+class Seldom(enum.StrEnum):
+    """What becomes of joints whose messages come far less often than those of most."""
+
+    LEAVE = "leave"
+    """They are left out, as a gripper's that no model has, and said."""
+    KEEP = "keep"
+    """They are interpolated."""
+
+
 class Clock(enum.StrEnum):
     """Where the time of a sample comes from."""
 
@@ -138,6 +147,7 @@ class JointMap:
         locked: by pattern, joints of the model that the log does not show, and where they were held [rad or m].
         passive: patterns of joints without an actuator: their effort is zero whatever the log says.
         gears: by pattern, what the logged torque of a joint is to be multiplied by, such as the ratio of its gear.
+        seldom: what becomes of joints that come less than half as often as most.
     """
 
     names: tuple[str, ...] | TextField
@@ -149,6 +159,7 @@ class JointMap:
     locked: Mapping[str, float] = field(default_factory=dict)
     passive: tuple[str, ...] = ()
     gears: Mapping[str, float] = field(default_factory=dict)
+    seldom: Seldom = Seldom.LEAVE
 
     @property
     def sources(self) -> dict[str, Source]:
