@@ -9,7 +9,18 @@ import pytest
 
 from massid.errors import LogError
 from massid.log import load_topics, read_walk
-from tests.log.samples import JOINTS, START_NS, STEP_NS, TYPES, Foreign, assert_same, make_samples, smooth_samples
+from massid.walk.resampling import multiply
+from tests.log.samples import (
+    JOINTS,
+    START_NS,
+    STEP_NS,
+    TYPES,
+    Foreign,
+    assert_same,
+    make_samples,
+    rotation,
+    smooth_samples,
+)
 
 N = 60
 LEFT, RIGHT = JOINTS[:2], JOINTS[2:]
@@ -169,6 +180,54 @@ def test_the_base_may_be_a_transform_and_its_velocities_are_derived(foreign, tmp
     # central differences at 1 ms of a motion of 10 rad/s: a sixth of the square of 0.01
     np.testing.assert_allclose(walk.qvel[1:-1, :6], true.qvel[1:-1, :6], atol=10 * 1e-4 / 6)
     assert any("/tf has no linear_velocity and no angular_velocity".replace("_", " ") in w for w in walk.warnings)
+
+
+@pytest.mark.parametrize("above", ["in the same messages", "in others", "static"])
+def test_transforms_are_followed_to_a_frame_that_nothing_moves(foreign, tmp_path: Path, above: str) -> None:
+    """odom -> base_footprint -> pelvis: the pelvis alone would be known in a frame that moves with the robot."""
+    log = Foreign(foreign(1).path, smooth_samples(N))
+    as_transforms(log)
+    half = np.array([np.cos(0.3), 0.0, 0.0, np.sin(0.3)])  # a turn of the footprint, which the pelvis turns back
+    to_odom = rotation(half)
+    messages = []
+    for row, message in enumerate(log.messages["/tf"]):
+        footprint = np.array([0.1 * row if above != "static" else 2.0, -1.0, 0.5])
+        (pelvis,) = message.transforms
+        pelvis.header.frame_id = "base_footprint"
+        place = pelvis.transform.translation
+        inside = to_odom.T @ (np.array([place.x, place.y, place.z]) - footprint)
+        pelvis.transform.translation = log._vector(inside.tolist())
+        q = pelvis.transform.rotation
+        w, x, y, z = multiply(half[None] * [1.0, -1.0, -1.0, -1.0], np.array([[q.w, q.x, q.y, q.z]]))[0].tolist()
+        turned = {"x": x, "y": y, "z": z, "w": w}
+        pelvis.transform.rotation = log.make("geometry_msgs/msg/Quaternion", **turned)
+        w, x, y, z = half.tolist()
+        link = log.make(
+            "geometry_msgs/msg/TransformStamped",
+            header=log.make("std_msgs/msg/Header", stamp=pelvis.header.stamp, frame_id="/odom"),
+            child_frame_id="/base_footprint",
+            transform=log.make(
+                "geometry_msgs/msg/Transform",
+                translation=log._vector(footprint.tolist()),
+                rotation=log.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w),
+            ),
+        )
+        if above == "in the same messages":
+            message.transforms = [link, pelvis]
+            messages.append(message)
+        else:
+            messages += [message, log.make("tf2_msgs/msg/TFMessage", transforms=[link])]
+    log.messages["/tf"] = messages
+    if above == "static":
+        log.types["/tf_static"] = "tf2_msgs/msg/TFMessage"
+        log.messages["/tf_static"] = [messages[1]]
+        log.messages["/tf"] = messages[::2]
+    (tmp_path / "map.yaml").write_text("preset: massid\nbase: {topic: /tf, body: pelvis}\n")
+    walk = read_walk(log.write(), load_topics(tmp_path / "map.yaml"))
+    true = smooth_samples(N)
+    np.testing.assert_allclose(walk.qpos[:, :3], true.qpos[:, :3], atol=1e-12)
+    np.testing.assert_allclose(rotation(walk.qpos[7, 3:7]), rotation(true.qpos[7, 3:7]), atol=1e-12)
+    assert any("followed through the transforms of pelvis, base_footprint" in line for line in walk.warnings)
 
 
 def test_transforms_without_a_name_for_the_base_are_refused(foreign, tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from massid.log.silence import fill_silence
 from massid.log.tables import TABLES, Table, read_table
 from massid.log.topics.kinds import POSES, adapted
 from massid.log.topics.map import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
+from massid.log.transforms import STATIC, TRANSFORMS, Chain, FrameTree
 from massid.log.writer import COMPLETE, METADATA_NAME
 from massid.memory import give_back
 from massid.typing import FloatArray
@@ -60,8 +61,9 @@ def _read(path: Path, topics: TopicMap) -> Walk:
     kind = None if path.is_dir() else kind_of(path)
     if kind in TABLES:
         return reader.walk(reader.take_table(read_table(path, kind)))
-    contents = read_messages(path, reader.topics.uses, reader.receive)
+    contents = read_messages(path, reader.uses, reader.receive)
     try:
+        reader.follow_transforms(path)
         return reader.walk(contents)
     except LogError as error:
         damage = [line for line in contents.warnings if NO_CHECKSUM not in line]
@@ -79,11 +81,39 @@ class _Reader:
         self.columns: dict[str, TopicColumns] = {}
         self.warnings: list[str] = []
 
+    def uses(self, topic: str) -> bool:
+        return self.topics.uses(topic)
+
     def receive(self, info: TopicInfo, records: list[bytes]) -> None:
         if info.topic not in self.columns:
             self.topics = adapted(self.topics, info)
             self.columns[info.topic] = TopicColumns(self.source, info, self.topics.fields(info.topic))
         self.columns[info.topic].receive(info, records)
+
+    def follow_transforms(self, path: Path) -> None:
+        """Put the base's pose in a frame that nothing moves, if a topic of transforms holds it link by link."""
+        base = self.topics.base
+        columns = None if base is None else self.columns.get(base.position.topic)
+        if (
+            base is None
+            or columns is None
+            or columns.info.message_type != TRANSFORMS
+            or isinstance(base.body, TextField)
+        ):
+            return
+        topic, tree = columns.info.topic, FrameTree()
+        read_messages(path, lambda name: name in (topic, STATIC), tree.receive)
+        try:
+            frames = tree.above(base.body)
+        except LogError as error:
+            raise LogError(f"{columns.where}: {error}") from error
+        if len(frames) < 2:
+            return
+        chain = Chain(self.source, frames)
+        read_messages(path, chain.uses, chain.receive)
+        keys = {"translation": f"{BASE_STATE} position", "rotation": f"{BASE_STATE} orientation"}
+        self.columns[topic] = chain.columns(keys, self.topics.fields(topic))
+        self.warnings.append(chain.said)
 
     def take_table(self, table: Table) -> Contents:
         """Take the rows of a table for the messages of every topic that the map names."""

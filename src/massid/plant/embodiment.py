@@ -89,5 +89,8 @@ def motorised(robot: Robot) -> Robot:
             motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
             motor.ctrlrange = np.array([-limit, limit])
     if not spec.actuators:
-        raise ModelError(f"{robot.source}: no joint has an actuator, so nothing can move it.")
+        raise ModelError(
+            f"{robot.source}: no joint has an actuator, so nothing can move it; a URDF has none: make an MJCF file of "
+            "it, with a <motor> for each joint."
+        )
     return Robot(spec, robot.source)
