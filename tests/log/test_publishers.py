@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -182,6 +183,17 @@ def test_the_base_may_be_a_transform_and_its_velocities_are_derived(foreign, tmp
     assert any("/tf has no linear_velocity and no angular_velocity".replace("_", " ") in w for w in walk.warnings)
 
 
+def corrected(log: Foreign, link: Any, row: int) -> Any:
+    """The frame that links start from, in a map that is corrected now and then: it jumps."""
+    away = log.make(
+        "geometry_msgs/msg/Transform",
+        translation=log._vector([float(row // 7), 0.0, 0.0]),
+        rotation=log.make("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+    )
+    header = log.make("std_msgs/msg/Header", stamp=link.header.stamp, frame_id="map")
+    return log.make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id="odom", transform=away)
+
+
 @pytest.mark.parametrize("above", ["in the same messages", "in others", "static"])
 def test_transforms_are_followed_to_a_frame_that_nothing_moves(foreign, tmp_path: Path, above: str) -> None:
     """odom -> base_footprint -> pelvis: the pelvis alone would be known in a frame that moves with the robot."""
@@ -216,7 +228,7 @@ def test_transforms_are_followed_to_a_frame_that_nothing_moves(foreign, tmp_path
             message.transforms = [link, pelvis]
             messages.append(message)
         else:
-            messages += [message, log.make("tf2_msgs/msg/TFMessage", transforms=[link])]
+            messages += [message, log.make("tf2_msgs/msg/TFMessage", transforms=[link, corrected(log, link, row)])]
     log.messages["/tf"] = messages
     if above == "static":
         log.types["/tf_static"] = "tf2_msgs/msg/TFMessage"

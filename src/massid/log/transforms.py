@@ -24,6 +24,7 @@ TRANSFORMS = "tf2_msgs/msg/TFMessage"
 STATIC = "/tf_static"
 _CHILD = re.compile(r"transforms\[(\d+)\]\.child_frame_id")
 _LONGEST = 32
+_ODOM = "odom"
 
 
 @dataclass
@@ -46,14 +47,16 @@ class FrameTree:
             return
 
     def above(self, body: str) -> tuple[tuple[str, str], ...]:
-        """Frames from a body up, each with the topic of its transform, as far as transforms are given.
+        """Frames from a body up, each with the topic of its transform, to `odom` or as far as transforms are given.
+
+        By convention `odom` does not move, and what is above it jumps where a map is corrected.
 
         Raises:
             LogError: the frames go round in a circle.
         """
         found: list[tuple[str, str]] = []
         frame = _plain(body)
-        while frame in self.parents and len(found) < _LONGEST:
+        while frame in self.parents and frame.split("/")[-1] != _ODOM and len(found) < _LONGEST:
             parent, topic = self.parents[frame]
             found.append((frame, topic))
             frame = parent
