@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from massid.log import load_topics, read_walk
-from tests.log.samples import JOINTS, Foreign, smooth_samples
+from tests.log.samples import JOINTS, START_NS, STEP_NS, Foreign, make_samples, smooth_samples
 
 N = 400
 SLOW = {"/odom": 20, "/contact/l_foot": 4}
@@ -79,3 +79,42 @@ def test_joints_that_come_seldom_are_left_out_or_interpolated_as_the_map_says(
     assert kept.timestep_s == pytest.approx(left.timestep_s)
     rows = np.rint((kept.stamps_ns - smooth_samples(N).stamps[0]) / 1e6)
     np.testing.assert_allclose(kept.qvel[:, -1], 0.001 * rows, atol=1e-9)
+
+
+def test_half_the_rate_is_resampled_and_said(foreign, tmp_path):
+    log = foreign(40)
+    log.drop("/odom", range(1, 40, 2))
+    (tmp_path / "map.yaml").write_text("preset: massid\nrate: slowest\n")
+    walk = read_walk(log.write(), load_topics(tmp_path / "map.yaml"))
+    assert walk.timestep_s == 2e-3
+    assert any("different rates (/odom 500 Hz, /joint_states 1000 Hz" in line for line in walk.warnings)
+    rows = np.arange(0, len(walk) * 2, 2)
+    samples = make_samples(40)
+    # states at the slow topic's own stamps are not changed; inputs are the means over its period
+    np.testing.assert_allclose(walk.qpos, samples.qpos[rows], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(walk.effort, 0.5 * (samples.effort[rows] + samples.effort[rows + 1]), atol=1e-9)
+
+
+def test_a_slow_base_does_not_slow_the_joints_down(foreign):
+    """50 Hz of a state estimator beside 1 kHz of the drives: nothing of the drives is thrown away."""
+    samples = smooth_samples(200)
+    log = Foreign(foreign(1).path, samples)
+    log.drop("/odom", [row for row in range(200) if row % 20])
+    walk = read_walk(log.write())
+    assert walk.timestep_s == 1e-3
+    n = len(walk)
+    assert n >= 180
+    np.testing.assert_array_equal(walk.qpos[:, 7:], samples.qpos[:n, 7:])
+    np.testing.assert_allclose(walk.effort, samples.effort[:n], atol=1e-11)
+    # a cubic over 20 ms of a motion of 10 rad/s: the fourth power of 0.2, over 384
+    np.testing.assert_allclose(walk.qpos[:, :3], samples.qpos[:n, :3], atol=1e-5)
+
+
+def test_stamps_of_another_clock_are_resampled(foreign):
+    log = foreign(40)
+    for row in range(40):
+        log.set_stamp("/odom", row, START_NS + row * STEP_NS + 1)
+    walk = read_walk(log.write())
+    assert any("only 0 stamps are shared by all streams (samples: /odom 40" in line for line in walk.warnings)
+    # one nanosecond of a millisecond: a millionth of the change from one sample to the next
+    np.testing.assert_allclose(walk.effort, make_samples(40).effort[: len(walk)], atol=1e-3)
