@@ -164,7 +164,7 @@ class Inspect:
         doubts = job.doubts
         page.table("Links", _LINK_COLUMNS, _link_rows(verdict, doubts))
         first = ["no mass found from this log means anything before these are settled: " + " ".join(doubts)]
-        page.section("Verdict", [*(first if doubts else ()), *verdict.lines()])
+        page.section("Verdict", [*(first if doubts else ()), *verdict.lines(), _known_to(verdict)])
         found.judge(job, verdict, doubts)
         if job.denied:
             return CONTRADICTED
@@ -186,6 +186,14 @@ def _foresee(job: Weighing) -> Verdict:
 
     with progress_bar("judging") as progress:
         return job.foresee(progress)
+
+
+def _known_to(verdict: Verdict) -> str:
+    """What the column of that name means."""
+    return (
+        f"known to: half the 95 % interval that massid identify would end with, foreseen with {verdict.sensors} and "
+        "the model file's masses, before anything is fitted; above half of the nominal mass a link is not identifiable"
+    )
 
 
 def _link_rows(verdict: Verdict, doubts: Sequence[str]) -> list[tuple[str, ...]]:
