@@ -124,6 +124,10 @@ SPOILS: dict[str, tuple[Callable[[Walk], Walk], str]] = {
     "mN m": (lambda w: replace(w, effort=1e3 * w.effort), "torques look as if they were in mN m (effort: scale: 0.001"),
     "gears": (geared, "those of motors before gears (joints: gears: {"),
     "one sign": (one_turned, "torques of l_leg_aky look as if their sign were turned (joints: gears: {l_leg_aky: -1})"),
+    "upside down": (
+        lambda w: wrenches(w, lambda f: f * np.tile([-1.0, 1.0, 1.0], 2)),
+        "turned by 180 degrees about x, and the forces as if they were those on the ground (contacts: on: ground, rot",
+    ),
     "feet": (lambda w: wrenches(w, lambda f: f[:, ::-1]), "wrenches of l_foot and r_foot look swapped"),
     "foot": (
         lambda w: wrenches(w, lambda f: times(f, (slice(None), 0), -1.0)),

@@ -112,11 +112,14 @@ def _readings(robot: Robot, walk: Walk, balance: Balance) -> Iterator[tuple[str,
     in_body = np.einsum("kcji,kcpj->kcpi", balance.rotation, parts).reshape(wrench.shape)
     yield "the wrenches look as if they were given in the world (contacts: frame: world)", effort, in_body
     for axis, signs in _UPSIDE_DOWN.items():
+        said = f"the axes of the force sensors look as if they were turned by 180 degrees about {axis}"
+        setting = f"rotation: {_HALF_TURN[axis]}"
+        upright = (parts * np.array(signs)).reshape(wrench.shape)
+        yield f"{said} (contacts: {setting})", effort, upright
         yield (
-            f"the axes of the force sensors look as if they were turned by 180 degrees about {axis} (contacts: "
-            f"rotation: {_HALF_TURN[axis]})",
+            f"{said}, and the forces as if they were those on the ground (contacts: on: ground, {setting})",
             effort,
-            (parts * np.array(signs)).reshape(wrench.shape),
+            -upright,
         )
     bodies = walk.contact_bodies[:_MOST_BODIES]
     for one, other in combinations(range(len(bodies)), 2):

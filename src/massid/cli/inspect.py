@@ -192,7 +192,7 @@ def _known_to(verdict: Verdict) -> str:
     """What the column of that name means."""
     return (
         f"known to: half the 95 % interval that massid identify would end with, foreseen with {verdict.sensors} and "
-        "the model file's masses, before anything is fitted; above half of the nominal mass a link is not identifiable"
+        "the model file's masses, before anything is fitted; beyond half of the nominal mass a link gets no estimate"
     )
 
 
