@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from massid.audit.balance import measure_balance
 from massid.audit.forces import REST, Rest, Weight, check_rest, check_weight, torque_suspicions, weight_suspicions
+from massid.audit.friction import missing_friction
 from massid.audit.joint_readings import better_reading
 from massid.audit.kinematics import Kinematics, check_kinematics
 from massid.audit.lag import Lag, estimate_lag, lag_margin
@@ -94,6 +95,9 @@ def audit_walk(robot: Robot, walk: Walk, *, thorough: bool = False) -> Audit:
         lines += forces.lines
         doubts += forces.doubts
         misread = forces.misread
+    if balance is not None and rest is not None and not misread:
+        friction = missing_friction(robot, walk, balance)
+        lines += [friction] if friction else []
     lines += self_contact_warnings(contact)
     warnings = tuple(f"{walk.source}: {line}" for line in lines)
     return Audit(walk, kinematics, weight, contact, lag, rest, one_step, warnings, tuple(doubts), misread)

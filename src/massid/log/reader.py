@@ -201,7 +201,11 @@ class _Reader:
         message_type = _TYPES[role]
         listed = ", ".join(f"{info.topic} ({info.message_type})" for info in contents.topics.values())
         fitting = [info.topic for info in contents.topics.values() if info.message_type == message_type]
-        advice = f"Could supply it: {', '.join(fitting)}." if fitting else f"A topic of {message_type} supplies it."
+        advice = (
+            f"Could supply it: {', '.join(fitting)}."
+            if fitting
+            else (f"A topic of {message_type} supplies it, or another one whose fields a topic map names.")
+        )
         setting = {
             BASE_STATE: "base: {topic: NAME",
             JOINT_STATE: "joints: {topic: NAME",
