@@ -150,7 +150,8 @@ def no_stamps(log):
         (
             no_joint_states,
             r"no joint state: topic /joint_states is not in the log. A topic of sensor_msgs/msg/JointState "
-            r"supplies it, or another one whose fields a topic map names. The log has: /odom \(nav_msgs/msg/Odometry\), /contact/l_foot",
+            r"supplies it, or another one whose fields a topic map names. "
+            r"The log has: /odom \(nav_msgs/msg/Odometry\), /contact/l_foot",
         ),
         (no_odometry_messages, r"no base state: topic /odom is there but holds no sample"),
         (no_contacts, r"no contact wrench: no topic like /contact/\* holds samples.*WrenchStamped supplies it, or"),
