@@ -19,6 +19,8 @@ _SMOOTHING_S = 0.1
 _ROUNDS = 4
 _LEAST_NOISE = 1e-9  # of the force that a degree of freedom takes
 _VAGUE = 10.0
+_VAGUE_FORCE = 1e3
+"""Of a coefficient in newtons, newton metres or such times seconds: nothing is known of it."""
 
 
 @dataclass(frozen=True)
@@ -60,15 +62,16 @@ def fit_balance(robot: Robot, walk: Walk, balance: Balance, more: FloatArray | N
     target = balance.smooth(supplied - balance.required)
     dofs = balance.required.shape[1]
     links, known = masses.shape[1], masses.shape[1] + others.shape[1]
-    prior = np.diag(np.concatenate([np.full(links, _VAGUE**-2), np.zeros(others.shape[1]), np.ones(slow.shape[1])]))
+    vague = np.full(others.shape[1], _VAGUE_FORCE**-2)
+    prior = np.diag(np.concatenate([np.full(links, _VAGUE**-2), vague, np.ones(slow.shape[1])]))
     noise = np.full(dofs, float(np.sqrt(np.mean(target**2))))
     for _ in range(_ROUNDS):  # the noise of each degree of freedom, and how far the priors hold against it
         weight = np.tile(1.0 / np.maximum(noise, _LEAST_NOISE), len(target) // dofs)
         weighted = columns * weight[:, None]
         precision = weighted.T @ weighted / _CORRELATED + prior
-        solution = np.linalg.lstsq(precision, weighted.T @ (target * weight) / _CORRELATED, rcond=None)[0]
+        solution = np.linalg.solve(precision, weighted.T @ (target * weight) / _CORRELATED)
         noise = np.sqrt(np.mean((target - columns @ solution).reshape(-1, dofs) ** 2, axis=0))
-    covariance = np.asarray(np.linalg.pinv(precision), dtype=np.float64)
+    covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
     return Fit(
         balance.links,
         np.asarray(solution[:links]),

@@ -33,6 +33,8 @@ _SURE = 4.0
 """Deviations of the gains of sensors by which it must be, beside noise."""
 _EXACTLY = 0.02
 """Share of the unexplained force that factors of single joints, which are many, may leave."""
+_CARRIED = 0.3
+"""Share of the weight that another reading of the wrenches must carry."""
 _SHOWN = 4
 _MOST_BODIES = 6
 _CONVINCING, _LESS, _MUCH_LESS = 0.3, 0.5, 0.1
@@ -88,6 +90,7 @@ def likely_conventions(
     others = [
         Convention(why, torques, forces, rest(torques, forces))
         for why, torques, forces in _readings(robot, walk, balance)
+        if np.array_equal(forces, wrench) or _carries(robot, balance, forces)
     ]
     least = max(_CHANGED, _SURE * gain)
     others += _scaled(robot, walk, balance, given, carried=carried, least=least)
@@ -99,6 +102,16 @@ def likely_conventions(
     worth = _MUCH_LESS if explains else _LESS
     is_worth_it = np.linalg.norm(by_joint.rest) < worth * np.linalg.norm(simple.rest)
     return (by_joint, simple) if is_worth_it else (simple, by_joint)
+
+
+def _carries(robot: Robot, balance: Balance, wrench: FloatArray) -> bool:
+    """Whether forces carry the robot, not push it down: masses that are free to be anything do not tell."""
+    up = -robot.model.opt.gravity
+    weight = robot.total_mass_kg * float(np.linalg.norm(up))
+    if weight == 0.0:
+        return True
+    force = np.einsum("kcij,kcj->i", balance.rotation, wrench[:, :, :3]) / len(wrench)
+    return bool(force @ up > _CARRIED * weight * np.linalg.norm(up))
 
 
 def _readings(robot: Robot, walk: Walk, balance: Balance) -> Iterator[tuple[str, FloatArray, FloatArray]]:
