@@ -33,9 +33,8 @@ bench: $(PEERS)
 docs: $(SITE)
 	$(BIN)/sphinx-build -W --keep-going -q -b html docs site
 
-$(SITE): $(STAMP)
-	$(BIN)/python scripts/requirements_of.py docs > $(VENV)/docs.in
-	$(PIP) -r $(VENV)/docs.in
+$(SITE): $(STAMP) constraints-docs.txt
+	$(PIP) --require-hashes -r constraints-docs.txt
 	touch $@
 
 # The licence of everything that is needed at run time.
@@ -51,13 +50,16 @@ sbom: $(STAMP) $(TOOLS)/.installed
 audit: $(TOOLS)/.installed
 	$(TOOLS)/bin/pip-audit --disable-pip --require-hashes -r constraints.txt
 
-# Versions and hashes anew: constraints.txt for what `make` installs, constraints-peers.txt for `make bench` besides.
+# Versions and hashes anew: constraints.txt for what `make` installs, constraints-peers.txt for `make bench` and
+# constraints-docs.txt for `make docs` besides.
 # Versions stay as they are; UPGRADE=--upgrade takes the newest.
 lock: $(STAMP) $(TOOLS)/.installed
 	$(BIN)/python scripts/requirements_of.py dev > $(TOOLS)/dev.in
 	$(LOCK) $(UPGRADE) -o constraints.txt $(TOOLS)/dev.in
 	$(BIN)/python scripts/requirements_of.py dev compare > $(TOOLS)/compare.in
 	$(LOCK) $(UPGRADE) -o constraints-peers.txt $(TOOLS)/compare.in
+	$(BIN)/python scripts/requirements_of.py dev docs > $(TOOLS)/docs.in
+	$(LOCK) $(UPGRADE) -o constraints-docs.txt $(TOOLS)/docs.in
 
 $(TOOLS)/.installed: $(STAMP)
 	$(BIN)/python -m venv $(TOOLS)

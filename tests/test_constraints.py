@@ -11,7 +11,7 @@ from packaging.utils import canonicalize_name
 from tests.test_licences import needed
 
 ROOT = Path(__file__).resolve().parents[1]
-FILES = ("constraints.txt", "constraints-peers.txt")
+FILES = ("constraints.txt", "constraints-peers.txt", "constraints-docs.txt")
 
 
 def pinned(name: str) -> dict[str, list[str]]:
@@ -42,6 +42,7 @@ def test_nothing_is_pinned_that_nobody_needs_and_nothing_needed_is_free() -> Non
     assert names == needed(["dev"]).keys()
 
 
-def test_both_files_pin_the_same_versions() -> None:
-    ours, peers = (pinned(name) for name in FILES)
-    assert ours.items() <= peers.items()
+def test_all_files_pin_the_same_versions() -> None:
+    ours, *others = (pinned(name) for name in FILES)
+    for other in others:
+        assert ours.items() <= other.items()
