@@ -14,7 +14,7 @@ import numpy as np
 from massid.errors import BadInputError, unknown_name
 from massid.model.file import file_sha256
 from massid.model.robot import Robot
-from massid.outputs import beside
+from massid.outputs import beside, uninterrupted
 from massid.plant.corruption import check_noise, corrupt_log
 from massid.plant.embodiment import motorised
 from massid.plant.environment import PlantOptions, make_environment
@@ -137,8 +137,9 @@ def record_walk(
             if clean.exists():  # an interrupted recording, too
                 corrupt_log(clean, path, noise, seed)
         finally:
-            for leftover in leftovers:
-                leftover.unlink(missing_ok=True)
+            with uninterrupted():
+                for leftover in leftovers:
+                    leftover.unlink(missing_ok=True)
     return replace(report, path=path, truth_path=truth_path(path))
 
 
