@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from massid.typing import FloatArray
 _SAME_NOMINAL = 1e-3
 """Share of a nominal mass by which two model files of one robot may differ: MJCF text is rounded."""
 _LISTED = 3
+_PAYLOAD = "payload"
 _EXPECTED = '{"links": {"<body>": {"true_kg": NUMBER}}} with finite numbers as JSON'
 
 
@@ -79,6 +80,16 @@ class Truth:
             path.name,
         )
 
+    def weighed_kg(self, link: str, apart: Collection[str] = ()) -> float:
+        """What a link weighs with what is fixed to it [kg].
+
+        Args:
+            link: its name.
+            apart: quantities that are weighed by themselves, such as "payload/torso@-0.1,0,0.3".
+        """
+        carried = (kg for name, kg in self.quantities.items() if name not in apart and _carrier(name) == link)
+        return self.mass_kg[link] + sum(carried)
+
     def check_robot(self, nominal_kg: Mapping[str, float]) -> tuple[str, ...]:
         """Compare the robot that the truth is about with the one whose masses are asked for.
 
@@ -108,12 +119,18 @@ class Truth:
         )
 
 
+def _carrier(quantity: str) -> str | None:
+    """The body that a payload is on; None for another quantity."""
+    kind, _, where = quantity.partition("/")
+    return where.partition("@")[0] if kind == _PAYLOAD else None
+
+
 @dataclass(frozen=True)
 class Score:
     """Errors of a result.
 
     Attributes:
-        true_kg: true mass of each identified link.
+        true_kg: true mass of each identified link, with what it carries unless that was asked for by itself.
         error_kg: estimate minus truth.
         l2_error_initial_kg: L2 norm of the nominal masses' errors.
         l2_error_kg: L2 norm after each update, shape (n_windows,).
@@ -137,14 +154,16 @@ def score(result: Result, truth: Truth) -> Score:
     """
     links = list(result.estimate_kg)
     truth.check_robot(result.nominal_kg)
+    apart = [one.name for one in result.quantities]
+    true_kg = {link: truth.weighed_kg(link, apart) for link in links}
 
     def errors(masses_kg: dict[str, float]) -> FloatArray:
-        return np.array([masses_kg[link] - truth.mass_kg[link] for link in links])
+        return np.array([masses_kg[link] - true_kg[link] for link in links])
 
     final = errors(result.estimate_kg)
     known = [one for one in result.quantities if one.name in truth.quantities]
     return Score(
-        true_kg={link: truth.mass_kg[link] for link in links},
+        true_kg=true_kg,
         error_kg=dict(zip(links, final.tolist(), strict=True)),
         l2_error_initial_kg=float(np.linalg.norm(errors(result.nominal_kg))),
         l2_error_kg=np.array([np.linalg.norm(errors(result.masses_kg(window.estimate))) for window in result.windows]),

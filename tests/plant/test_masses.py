@@ -5,6 +5,7 @@ from massid.errors import BadInputError, ModelError
 from massid.model.robot import WALKING_LINKS, Robot
 from massid.model.unknowns.spaces import mass_space
 from massid.plant import HiddenMasses, MassErrors, default_links
+from massid.score import Truth
 from tests.plant.worlds import crab
 
 
@@ -83,3 +84,10 @@ def test_a_payload_is_on_top_of_the_link(atlas: Robot, where: str, payload_kg: f
 def test_a_payload_weighs_something(atlas: Robot, payload_kg: float) -> None:
     with pytest.raises(BadInputError, match="expected a finite mass above 0"):
         HiddenMasses({}, {"torso": payload_kg}).true_model(atlas)
+
+
+def test_a_link_that_is_weighed_with_its_payload_is_scored_with_it() -> None:
+    truth = Truth({"torso": 10.0, "foot": 1.0}, {"payload/torso@0,0,0.1": 2.0, "com/torso/x": 0.3})
+    assert truth.weighed_kg("torso") == 12.0
+    assert truth.weighed_kg("torso", apart=["payload/torso@0,0,0.1"]) == 10.0
+    assert truth.weighed_kg("foot") == 1.0
