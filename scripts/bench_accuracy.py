@@ -28,7 +28,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from accuracy.case import Case, Fault, Friction, Ledger, Method, Part, own_gait
+from accuracy.case import Case, Fault, Friction, Ledger, Method, Part, SensorSet, own_gait
 from accuracy.methods import measure
 from accuracy.sysid import load_sysid
 from accuracy.tables import (
@@ -76,6 +76,8 @@ class Bench:
     """Threads of each process; 0 for one per processor."""
     other_links: float = 0.0
     """Relative deviation of the masses of links that are not asked for, in truth and belief."""
+    sensors: SensorSet = "all"
+    """Which the robots have; no-wrench for none at their feet, where least squares has nothing to go by."""
     baselines: bool = True
     """Also the bound and least squares."""
     bound_seeds: int = 20
@@ -103,7 +105,7 @@ class Bench:
         """How our estimator sees a log with such noise."""
         if self.mode != "auto":
             return self.mode
-        return "online" if preset == "clean" else "offline"
+        return "online" if self.sensors == "all" and preset == "clean" else "offline"
 
 
 def main(bench: Bench) -> None:
@@ -138,7 +140,18 @@ def run(case: Case, bench: Bench) -> dict[str, Any]:
 def accuracy_cases(bench: Bench) -> list[Case]:
     """Every method on every walk of every problem; seeds come last, so that an early end leaves whole rounds."""
     return [
-        Case("accuracy", method, robot, preset, friction, bench.other_links, bench.seconds, seed, gait=own_gait(robot))
+        Case(
+            "accuracy",
+            method,
+            robot,
+            preset,
+            friction,
+            bench.other_links,
+            bench.seconds,
+            seed,
+            gait=own_gait(robot),
+            sensors=bench.sensors,
+        )
         for seed, robot, preset, friction in product(range(bench.seeds), bench.robots, bench.presets, bench.friction)
         for method in methods(bench, preset, seed)
     ]
@@ -148,7 +161,8 @@ def methods(bench: Bench, preset: NoisePreset, seed: int) -> list[Method]:
     """What weighs the robot on one walk; what takes long is spared from the later ones."""
     found: list[Method] = [bench.method(preset)]
     if bench.baselines:
-        found += ["bound", "least-squares"] if seed < bench.bound_seeds else ["least-squares"]
+        found += ["bound"] if seed < bench.bound_seeds else []
+        found += ["least-squares"] if bench.sensors == "all" else []
     if bench.sysid and seed < bench.sysid_seeds:
         found += ["sysid", "sysid-observer"]
     return found
@@ -161,7 +175,20 @@ def other_cases(bench: Bench) -> list[Case]:
     for seed, (robot, preset) in product(range(bench.coverage), settings):
         seconds, gait = bench.coverage_seconds, own_gait(robot)
         method = bench.method(preset)
-        cases.append(Case("coverage", method, robot, preset, "none", bench.other_links, seconds, seed, gait=gait))
+        cases.append(
+            Case(
+                "coverage",
+                method,
+                robot,
+                preset,
+                "none",
+                bench.other_links,
+                seconds,
+                seed,
+                gait=gait,
+                sensors=bench.sensors,
+            )
+        )
     for seed, (robot, preset) in product(range(bench.verdict), settings):
         seconds, gait = bench.verdict_seconds, bench.verdict_gait
         cases.append(Case("verdict", bench.method(preset), robot, preset, "none", 0.0, seconds, seed, gait=gait))

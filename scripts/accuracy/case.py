@@ -18,6 +18,7 @@ Part = Literal["accuracy", "coverage", "verdict", "wrong", "lengths", "speed"]
 Method = Literal["online", "offline", "bound", "least-squares", "sysid", "sysid-observer"]
 Friction = Literal["none", "0.1", "5%"]
 Fault = Literal["none", "com", "inertia", "friction", "links"]
+SensorSet = Literal["all", "no-wrench"]
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class Case:
         seed: of masses, gait, sensors and search.
         fault: what else is wrong in the model.
         gait: how the robot walks.
+        sensors: which the robot has; no-wrench for none at its feet.
     """
 
     part: Part
@@ -48,6 +50,7 @@ class Case:
     seed: int
     fault: Fault = "none"
     gait: str = DEFAULT_GAIT
+    sensors: SensorSet = "all"
 
     @property
     def walk_seed(self) -> int:

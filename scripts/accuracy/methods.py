@@ -93,7 +93,8 @@ def _belief(result: Result, error: np.ndarray) -> dict[str, Any]:  # type: ignor
 def _bound(case: Case, given: Given, _threads: int) -> dict[str, Any]:
     space = _all_unknowns(case, given, given.clean)
     found: dict[str, Any] = {}
-    for name, gate in (("gated", True), ("open", False)):
+    gates = (("gated", True), ("open", False)) if case.sensors == "all" else (("gated", True),)
+    for name, gate in gates:
         bound = cramer_rao(given.clean, given.robot, space, given.truth(space), PRESETS[case.preset], gate=gate)
         found |= {f"{name}_l2_kg": bound.l2, f"{name}_std_kg": bound.std.tolist(), "problem": bound.problem}
     return found

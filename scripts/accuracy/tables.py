@@ -22,10 +22,10 @@ def accuracy_table(rows: Rows, title: str = "Root mean square L2 error in kg") -
 
     mujoco.sysid, by itself and with our observer, is followed by how many walks it saw and its share of hits.
     """
-    groups = _grouped(rows, ("preset", "robot", "friction", "other_links", "seconds"))
+    groups = _grouped(rows, ("preset", "robot", "friction", "other_links", "seconds", "sensors"))
     table = Table(title=title)
     for name in (
-        *("preset", "robot", "friction", "others", "s", "method", "runs", "ours", "said", "bound", "ratio"),
+        *("preset", "robot", "friction", "others", "s", "sensors", "method", "runs", "ours", "said", "bound", "ratio"),
         *("bound, no gate", "in 95 %", "chi2", "inflation", "wall s", "LS best", "LS chosen", "sysid", "observer"),
     ):
         table.add_column(name, justify="right")

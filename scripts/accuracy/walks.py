@@ -16,7 +16,16 @@ from massid.log import read_walk
 from massid.model.robot import Robot
 from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.spaces import mass_space
-from massid.plant import HiddenMasses, MassErrors, motorised, record_walk, sensors_of, truth_path, variant
+from massid.plant import (
+    HiddenMasses,
+    MassErrors,
+    motorised,
+    record_walk,
+    sensors_of,
+    truth_path,
+    variant,
+    without_wrenches,
+)
 from massid.score import Truth
 from massid.search.parameters import ParameterSpace
 from massid.typing import FloatArray
@@ -38,7 +47,7 @@ class Given:
     """What a method is given, and what only the score may know.
 
     Attributes:
-        clean: the walk without noise.
+        clean: the walk without noise, with the wrenches that acted.
         noisy: as the sensors logged it.
         robot: the model that is believed.
         space: masses that are asked for.
@@ -73,9 +82,13 @@ def prepare(case: Case, logs: Path, recorded_s: float, skipped_s: float = 0.0) -
     robot = with_friction(Robot.load(resolve_model(case.robot)), case.friction)
     path = _recorded(case, robot, logs, recorded_s)
     clean = robot.align(cut(read_walk(path), skipped_s, case.seconds))
+    noisy = sensors_of(clean, case.preset, case.seed).measure(clean)
+    if case.sensors == "no-wrench":
+        noisy = without_wrenches(noisy)
+        clean = replace(clean, open_axes=noisy.open_axes)
     return Given(
         clean=clean,
-        noisy=sensors_of(clean, case.preset, case.seed).measure(clean),
+        noisy=noisy,
         robot=robot,
         space=mass_space(robot, robot.walking_links()),
         true_kg=Truth.load(truth_path(path)).mass_kg,

@@ -17,6 +17,7 @@ from massid.assets import find_model_by_hash, resolve_model
 from massid.audit import Prepared, differing_masses, prepare_walks
 from massid.errors import BadInputError, LogError, StoppedError
 from massid.identify import IdentifyOptions, OnlineIdentifier, identify_offline, identify_online
+from massid.identify.grounded import as_judged, identify_on_ground, said_of_ground
 from massid.identify.logs import PreparedLog
 from massid.identify.options import idle_options
 from massid.identify.prepare import prepare_logs
@@ -207,8 +208,14 @@ class Weighing:
             fitted = prepare_logs(
                 [part.fitted for part in parts], weighed, asked, options, [one.audit.clean for one in prepared]
             )
+        is_blind = any(log.walk.open_axes for log in fitted)
         noisy = isinstance(fitted[0].sensors, NoisySensors)
-        is_offline = mode == "offline" or (mode == "auto" and noisy)
+        is_offline = mode == "offline" or (mode == "auto" and (noisy or is_blind))
+        if mode == "online" and is_blind:
+            raise BadInputError(
+                f"{fitted[0].walk.source}: no sensor reads all wrenches, and which feet carry is judged by the whole "
+                "log: `mode` must be offline or auto."
+            )
         said = [
             *complete.notes,
             *_on_compensation(weighed, asked),
@@ -305,9 +312,16 @@ class Weighing:
 
     def identify(self, progress: Progress = silent, stop: Callable[[], bool] = never) -> Result:
         """Find what was asked for; see `weigh`."""
-        identify = identify_offline if self.is_offline else identify_online
+        logs, walks, held = self.logs, tuple(one.walk for one in self.prepared), self.held
         with single_threaded():
-            result = identify(self.logs, self.robot, self.options, progress, stop)
+            if any(log.walk.open_axes for log in logs):
+                result, logs = identify_on_ground(logs, self.robot, self.options, progress, stop)
+                walks = as_judged(walks, logs, self.robot, result)
+                held = as_judged(held, logs, self.robot, result)
+                result = replace(result, warnings=(*said_of_ground(logs), *result.warnings))
+            else:
+                identify = identify_offline if self.is_offline else identify_online
+                result = identify(logs, self.robot, self.options, progress, stop)
             if self.may_replay and result.status is Status.NOT_CONVERGED and not result.stopped:
                 result = self._replayed(result, progress, stop)
         if self.denied:
@@ -315,9 +329,9 @@ class Weighing:
         evidence = Evidence(
             robot=self.robot,
             complete=self.complete,
-            walks=tuple(one.walk for one in self.prepared),
-            fitted=tuple(log.walk for log in self.logs),
-            held=self.held,
+            walks=walks,
+            fitted=tuple(log.walk for log in logs),
+            held=held,
         )
         return replace(result, evidence=evidence, warnings=(*self.warnings, *result.warnings))
 
@@ -334,11 +348,13 @@ class Weighing:
 
     def check(self, result: Result) -> Result:
         """The result with what the logs say about it."""
-        walks = [one.walk for one in self.prepared]
-        held = self.held[0]
+        evidence = result.evidence
+        walks = [one.walk for one in self.prepared] if evidence is None else evidence.walks
+        every = self.held if evidence is None else evidence.held
+        held = every[0]
         log = self.logs[0] if held is None else replace(self.logs[0], walk=held)
         with single_threaded():
-            validation = validate(result, walks, self.held, self.robot)
+            validation = validate(result, walks, every, self.robot)
             residuals = channel_residuals(result, log, self.robot)
         return result.checked(replace(validation, residuals=residuals))
 

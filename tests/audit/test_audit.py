@@ -16,6 +16,7 @@ from massid.audit.lag import estimate_lag
 from massid.audit.self_contact import without_samples
 from massid.model.robot import Robot
 from massid.model.unknowns.spaces import mass_space
+from massid.plant import without_wrenches
 from massid.walk import Segment, Walk
 from massid.walk.conventions import to_body
 from massid.walk.noise import PRESETS, NoisePreset, Sensors
@@ -42,6 +43,26 @@ def test_a_sound_log_gives_no_warning_whatever_the_masses(log: Pushed) -> None:
     assert audit.one_step.nominal > 1e-4  # the model's masses are 15 % off
     assert audit.one_step.fitted < 1e-9 * audit.one_step.nominal  # those that fit leave rounding
     assert audit.walk.segments == log.walk.segments
+
+
+@pytest.mark.parametrize("preset", ["clean", "white"])
+def test_a_sound_log_without_force_sensors_gives_no_warning_either(log: Pushed, preset: NoisePreset) -> None:
+    """Nothing is said of a weight that nobody measured, and no lag is found of wrenches that are not there."""
+    audit = audit_walk(log.robot, without_wrenches(_measured(log.walk, preset)))
+    assert audit.warnings == ()
+    assert audit.clean is (preset == "clean")
+    assert audit.weight.measured_kg is None
+    assert audit.lag is not None
+    assert not audit.lag.believed
+    assert audit.lag.wrench_s == 0.0
+
+
+def test_late_torques_are_found_without_force_sensors(log: Pushed) -> None:
+    late = stamped_late(log.walk, effort_s=4e-3, wrench_s=0.0)
+    lag = estimate_lag(log.robot, without_wrenches(late))
+    assert lag is not None
+    assert lag.believed
+    assert lag.effort_s == pytest.approx(4e-3, abs=2e-4)
 
 
 def test_a_torque_channel_that_is_not_connected_is_named(log: Pushed) -> None:

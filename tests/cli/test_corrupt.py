@@ -36,3 +36,20 @@ def test_bad_input_is_one_line(
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert message.format(folder=tmp_path) in error
+
+
+def test_a_robot_without_force_sensors_logs_no_wrench_and_names_its_feet(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "blind.mcap"
+    assert main(["corrupt", str(sample_walk()), str(out), "--noise", "clean", "--drop", "wrench"]) == 0
+    before, after = read_walk(sample_walk()), read_walk(out)
+    assert after.contact_bodies == before.contact_bodies
+    assert not after.measured.any()
+    assert not after.wrench.any()
+    assert after.effort.tobytes() == before.effort.tobytes()
+    capsys.readouterr()
+    assert main(["inspect", str(out), "--links", "torso"]) == 0
+    said = capsys.readouterr().out
+    assert "no sensor reads what l_foot, r_foot carry" in said
+    assert "ground carries" not in said

@@ -13,6 +13,7 @@ from massid.model.unknowns.bodies import InertiaScale
 from massid.model.unknowns.lags import EffortLag, WrenchLag
 from massid.model.unknowns.sensors import EffortOffset, EncoderOffset, WrenchGain, WrenchOffset
 from massid.model.unknowns.unknown import nuisance
+from massid.observer.sensors import NoisySensors
 from massid.search.parameters import Parameter, ParameterSpace
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, SensorNoise, Sensors
@@ -57,6 +58,62 @@ def test_information_is_that_of_all_measurements_taken_at_once() -> None:
     covariance = spread @ spread.T + np.diag(np.tile(variance, n + 1))
     expected = np.linalg.inv(design.T @ np.linalg.solve(covariance, design))[n_x:, n_x:]
     np.testing.assert_allclose(np.linalg.inv(recursion.information), expected, rtol=1e-9)
+
+
+def test_an_input_of_which_nothing_is_known_is_one_more_unknown_of_every_step() -> None:
+    """Taken at once: a column of its own for each input of each step, beside x_0 and p."""
+    rng = np.random.default_rng(1)
+    n_x, n_p, n, m = 4, 2, 5, 2
+    variance, from_output = rng.uniform(0.5, 2.0, n_x), rng.normal(size=(n_x, n_p))
+    recursion = SensitivityRecursion(from_output, variance)
+    state = np.hstack([np.eye(n_x), np.zeros((n_x, n_p + n * m))])
+    from_noise = np.zeros((n_x, n * n_x))
+    output = np.hstack([np.zeros((n_x, n_x)), from_output, np.zeros((n_x, n * m))])
+    rows, noise = [state + output], [from_noise]
+    for k in range(n):
+        step, root, effect = (0.5 * rng.normal(size=(n_x, n_x)) for _ in range(3))
+        unknown = rng.normal(size=(n_x, m)) * [1.0, 1e3]
+        recursion.step(step, root @ root.T, effect[:, :n_p], unknown)
+        state, from_noise = step @ state, step @ from_noise
+        state[:, n_x : n_x + n_p] += effect[:, :n_p]
+        state[:, n_x + n_p + k * m : n_x + n_p + (k + 1) * m] += unknown
+        from_noise[:, k * n_x : (k + 1) * n_x] += root
+        rows.append(state + output)
+        noise.append(from_noise)
+    design, spread = np.vstack(rows), np.vstack(noise)
+    covariance = spread @ spread.T + np.diag(np.tile(variance, n + 1))
+    everything = np.linalg.inv(design.T @ np.linalg.solve(covariance, design))
+    expected = everything[n_x : n_x + n_p, n_x : n_x + n_p]
+    np.testing.assert_allclose(np.linalg.inv(recursion.information), expected, rtol=1e-8)
+
+
+def test_inputs_that_do_the_same_count_once() -> None:
+    effect, from_output = np.eye(3)[:, :1], np.eye(3)[:, 1:]
+    information = []
+    for unknown in (effect, np.hstack([effect, 2.0 * effect])):
+        recursion = SensitivityRecursion(from_output, np.ones(3))
+        recursion.step(np.eye(3), 0.1 * np.eye(3), from_output, unknown)
+        information.append(recursion.information)
+    np.testing.assert_allclose(information[1], information[0], rtol=1e-12)
+
+
+def test_the_bound_without_force_sensors_is_what_the_filter_knows(pushed: Pushed) -> None:
+    """With a sensor at one foot; the mass of the other one, which never leaves the ground, is not asked for."""
+    walk = replace(_first(pushed.walk, 601), open_axes=tuple(range(6)))
+    asked = [k for k, name in enumerate(pushed.space.names) if "l_foot" not in name]
+    space = ParameterSpace(tuple(replace(pushed.space.parameters[k], tangent=True) for k in asked))
+    truth = pushed.truth[asked]
+    sensors = NoisySensors(WHITE, open_axes=walk.open_axes)
+    bank = sensors.bank(pushed.robot, space, walk.contact_bodies, walk.timestep_s, 1, 1)
+    bank.place(truth[None])
+    information = np.zeros((len(space), len(space)))
+    for _, errors in bank.replay(walk, walk.segments[0]):
+        assert errors.tangents is not None
+        flat = errors.tangents.reshape(len(space), -1)
+        information += walk.timestep_s * flat @ flat.T
+    bound = cramer_rao(walk, pushed.robot, space, truth, WHITE)
+    expected = np.sqrt(np.diagonal(np.linalg.inv(information)))
+    np.testing.assert_allclose(np.sqrt(np.diagonal(bound.covariance)), expected, rtol=0.1)
 
 
 def test_the_bound_is_what_the_estimator_expects_of_itself(pushed: Pushed) -> None:

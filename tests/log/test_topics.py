@@ -11,7 +11,7 @@ import pytest
 from mcap.writer import Writer
 
 from massid.errors import LogError
-from massid.log import TopicMap, load_topics, preset_names, read_walk
+from massid.log import TopicMap, WalkWriter, load_topics, preset_names, read_walk
 from tests.log.protobuf_samples import write_protobuf
 from tests.log.samples import FEET, JOINTS, ROOT, STEP_NS, TYPES, Foreign, assert_same, make_samples, rotation
 
@@ -250,3 +250,24 @@ def test_a_field_that_is_not_there_is_named_with_those_that_are(foreign: Any, tm
     topics = load(tmp_path, "preset: massid\njoints: {effort: torque}\n")
     with pytest.raises(LogError, match=r"/joint_states .*: sample 0: no field 'torque'; the fields are: .*effort"):
         read_walk(foreign(N).write(), topics)
+
+
+def test_bodies_without_a_sensor_are_named_alone(samples: Any, tmp_path: Path) -> None:
+    log = tmp_path / "blind.mcap"
+    with WalkWriter(log, root_body=ROOT, joint_names=JOINTS, timestep_s=1e-3) as writer:
+        writer.append_block(samples.stamps, samples.qpos, samples.qvel, samples.effort, {})
+    with pytest.raises(LogError, match="name the bodies that touch the ground: `contacts:"):
+        read_walk(log)
+    topics = tmp_path / "blind.yaml"
+    topics.write_text("preset: massid\ncontacts: [{body: l_foot}, {body: r_foot}]\n")
+    walk = read_walk(log, load_topics(topics))
+    assert walk.contact_bodies == ("l_foot", "r_foot")
+    assert walk.open_axes == tuple(range(12))
+
+
+def test_one_foot_may_have_a_sensor_and_the_other_none(foreign: Any, tmp_path: Path) -> None:
+    topics = tmp_path / "half.yaml"
+    topics.write_text("preset: massid\ncontacts: [{topic: /contact/*}, {body: toe}]\n")
+    walk = read_walk(foreign().write(), load_topics(topics))
+    assert walk.contact_bodies[-1] == "toe"
+    np.testing.assert_array_equal(walk.measured, [[name != "toe"] * 6 for name in walk.contact_bodies])

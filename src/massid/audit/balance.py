@@ -49,6 +49,8 @@ class Balance:
         closed: orthonormal directions in which closed loops and couplings of joints push, padded with zeros, shape (K,
             nv, n); None if their forces are known. Noise of positions through a stiff tie is a force of any size, so
             in a log with noise these directions are left out.
+        unread: orthonormal directions, of weighted degrees of freedom, in which wrenches push that no sensor measures,
+            shape (K, nv, n); they are left out, too. None for none.
     """
 
     rows: IntArray
@@ -61,15 +63,22 @@ class Balance:
     weight: FloatArray
     smoothing: int
     closed: FloatArray | None = None
+    unread: FloatArray | None = None
 
-    def smooth(self, terms: FloatArray) -> FloatArray:
+    def smooth(self, terms: FloatArray, *, whole: bool = False) -> FloatArray:
         """Smooth along the steps of each stretch, weight the degrees of freedom and flatten, shape (m, ...).
 
         Of the smoothed terms, which overlap, four in a window's width are kept.
+
+        Args:
+            terms: shape (K, nv, ...).
+            whole: also in the directions that are left out elsewhere.
         """
-        if self.closed is not None:
-            along = np.einsum("kvm,kv...->km...", self.closed, terms)
-            terms = terms - np.einsum("kvm,km...->kv...", self.closed, along)
+        if self.closed is not None and not whole:
+            terms = _without(self.closed, terms)
+        if self.unread is not None and not whole:
+            weight = self.weight.reshape(-1, *(1,) * (terms.ndim - 2))
+            terms = _without(self.unread, terms * weight) / weight
         kernel = np.hanning(self.smoothing + 2)[1:-1]
         kernel /= kernel.sum()
         parts = []
@@ -159,11 +168,16 @@ def measure_balance(robot: Robot, walk: Walk, margin: int = 0, steps: int = 1500
         closed = _closed_directions(model, taken[0])
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
     dynamics = DiscreteInverseDynamics(model, walk.contact_bodies)
-    required = dynamics.forces(*taken)
+    required, jacobian = dynamics.forces(*taken), dynamics.jacobian(taken[0])
     links = tuple(link for link in robot.links if robot.welded_to(link) is None)
     per_link = _per_link(robot, links, taken, walk.timestep_s)
     size = np.sqrt((required**2).mean(axis=0))
     weight = 1.0 / np.maximum(size, 1e-3 * size.max())
+    unread = None
+    if walk.open_axes:
+        pushed = jacobian[:, ~walk.measured].transpose(0, 2, 1)
+        pushed = pushed if closed is None else _without(closed, pushed)
+        unread = _orthonormal(pushed * weight[:, None])
     smoothing = max(3, min(round(SMOOTHING_S / walk.timestep_s), min(len(s) for s in stretches) // 2))
     segments = tuple(Segment(a, b) for a, b in pairwise(edges))
     return Balance(
@@ -172,11 +186,12 @@ def measure_balance(robot: Robot, walk: Walk, margin: int = 0, steps: int = 1500
         required=required,
         per_link=per_link,
         links=links,
-        jacobian=dynamics.jacobian(taken[0]),
+        jacobian=jacobian,
         rotation=body_rotations(robot.model, taken[0], walk.contact_bodies),
         weight=weight,
         smoothing=smoothing,
         closed=closed,
+        unread=unread,
     )
 
 
@@ -197,6 +212,19 @@ def _closed_directions(model: mujoco.MjModel, qpos: FloatArray) -> FloatArray:
         out[k, :, :rank] = directions[:rank].T
         widest = max(widest, rank)
     return out[:, :, :widest]
+
+
+def _orthonormal(columns: FloatArray) -> FloatArray:
+    """Orthonormal bases of columns, zeros where there are fewer directions, shape (n, nv, m)."""
+    left, values, _ = np.linalg.svd(columns, full_matrices=False)
+    return np.asarray(left * (values > _LEAST_DIRECTION * values[:, :1])[:, None])
+
+
+def _without(directions: FloatArray, terms: FloatArray) -> FloatArray:
+    """Terms, shape (n, nv, ...), without their parts along orthonormal directions, shape (n, nv, m)."""
+    return np.asarray(
+        terms - np.einsum("kvm,km...->kv...", directions, np.einsum("kvm,kv...->km...", directions, terms))
+    )
 
 
 def fitted_model(robot: Robot, walk: Walk, balance: Balance) -> mujoco.MjModel:

@@ -55,14 +55,15 @@ class Weight:
     """What the ground carried on average.
 
     Attributes:
-        measured_kg: mean force along gravity, less what lifted the base, over g; what `gravcomp` bears added [kg].
+        measured_kg: mean force along gravity, less what lifted the base, over g; what `gravcomp` bears added; None if
+            some body's force has no sensor [kg].
         nominal_kg: mass of the model [kg].
         tilt_rad: angle between the mean force and the upward vertical [rad].
-        loaded: by contact body, share of the samples in which it carried load.
-        stances: by contact body, how many times it was put down.
+        loaded: by contact body with a sensor, share of the samples in which it carried load.
+        stances: by contact body with a sensor, how many times it was put down.
     """
 
-    measured_kg: float
+    measured_kg: float | None
     nominal_kg: float
     tilt_rad: float
     loaded: dict[str, float]
@@ -71,7 +72,7 @@ class Weight:
     @property
     def plausible(self) -> bool:
         """Whether a mass error may be all that is between them."""
-        return WEIGHT_RANGE[0] <= self.measured_kg / self.nominal_kg <= WEIGHT_RANGE[1]
+        return self.measured_kg is None or WEIGHT_RANGE[0] <= self.measured_kg / self.nominal_kg <= WEIGHT_RANGE[1]
 
 
 def check_weight(robot: Robot, walk: Walk) -> Weight:
@@ -91,10 +92,12 @@ def check_weight(robot: Robot, walk: Walk) -> Weight:
     lift = float(up @ gained) / time_s
     tilt = float(np.arccos(np.clip(up @ total / max(float(np.linalg.norm(total)), 1e-9), -1.0, 1.0)))
     on_body = np.linalg.norm(force, axis=2) > _LOADED * robot.total_mass_kg * size
-    loaded = {body: float(on_body[inside, c].mean()) for c, body in enumerate(walk.contact_bodies)}
-    stances = {body: _landings(walk, on_body[:, c]) for c, body in enumerate(walk.contact_bodies)}
+    with_sensor = np.asarray(walk.measured[:, :3].all(axis=1))
+    bodies = [(c, body) for c, body in enumerate(walk.contact_bodies) if with_sensor[c]]
+    loaded = {body: float(on_body[inside, c].mean()) for c, body in bodies}
+    stances = {body: _landings(walk, on_body[:, c]) for c, body in bodies}
     measured_kg = (float(up @ total) + size * robot.lifted_kg({})) / (size + lift)
-    return Weight(measured_kg, robot.total_mass_kg, tilt, loaded, stances)
+    return Weight(measured_kg if with_sensor.all() else None, robot.total_mass_kg, tilt, loaded, stances)
 
 
 def _landings(walk: Walk, loaded: FloatArray) -> int:
@@ -110,6 +113,8 @@ def _landings(walk: Walk, loaded: FloatArray) -> int:
 
 def weight_suspicions(weight: Weight) -> list[str]:
     """What is probably wrong with wrenches that do not carry the robot."""
+    if weight.measured_kg is None:
+        return []
     ratio = weight.measured_kg / weight.nominal_kg
     said = f"the ground carries {weight.measured_kg:.1f} kg on average, the model weighs {weight.nominal_kg:.1f} kg"
     if weight.plausible and weight.tilt_rad < TILT_RAD:
@@ -138,7 +143,8 @@ def check_torques(robot: Robot, walk: Walk, passive: Sequence[str] = ()) -> None
     Raises:
         LogError: the torque of every joint is zero all along, although the ground carries the robot.
     """
-    if walk.effort.any() or not walk.wrench.any() or set(passive) >= set(walk.joint_names):
+    carried = walk.wrench.any() or bool(walk.open_axes)
+    if walk.effort.any() or not carried or set(passive) >= set(walk.joint_names):
         return
     raise LogError(
         f"{walk.source}: the effort of all {len(walk.joint_names)} joints of {robot.source} is 0 in every sample: the "
@@ -211,7 +217,7 @@ def check_rest(robot: Robot, walk: Walk, balance: Balance, weight: Weight | None
     """
     required = balance.smooth(balance.required)
     effort, wrench = walk.effort[balance.rows], walk.wrench[balance.rows]
-    size = float(np.linalg.norm(required)) or 1.0
+    size = float(np.linalg.norm(balance.smooth(balance.required, whole=bool(walk.open_axes)))) or 1.0
     supplied = balance.smooth(balance.force_of_torques(effort, robot) + balance.force_of(wrench))
     rest = balance.unexplained(required - supplied)
     share = float(np.linalg.norm(rest)) / size
@@ -230,7 +236,9 @@ def check_rest(robot: Robot, walk: Walk, balance: Balance, weight: Weight | None
     gain = _slow_noise(walk).effort_gain
     said = f"{share:.0%} of the force that the motion took is explained neither by the log nor by any link masses"
     worst = sorted(joints, key=lambda name: -joints[name])[:_SHOWN]
-    for other in likely_conventions(robot, walk, balance, carried=carried, gain=gain):
+    # Without force sensors any multiple of the torques fits some masses: nothing stands beside their scale.
+    others = () if walk.open_axes else likely_conventions(robot, walk, balance, carried=carried, gain=gain)
+    for other in others:
         if other.of_gains and _implicit_servos(robot, worst):
             continue
         then = float(np.linalg.norm(other.rest)) / size

@@ -39,9 +39,9 @@ def with_inner_steps(robot: Robot, coarse: Walk, fine: Walk) -> Walk | None:
 
     Returns:
         None if positions are noisy, for their noise would be divided by the time step, if the model's integrator moves
-        otherwise, or if the walk is too short.
+        otherwise, if some wrench was not measured, or if the walk is too short.
     """
-    if takes_stages(robot.model):
+    if takes_stages(robot.model) or coarse.open_axes:
         return None
     balance = measure_balance(robot, fine)
     if balance is None or max(white_level(coarse.qpos[:, :3]), white_level(coarse.qpos[:, 7:])) > 0.0:

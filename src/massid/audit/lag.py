@@ -79,12 +79,14 @@ def estimate_lag(robot: Robot, walk: Walk, balance: Balance | None = None) -> La
             coefficients[offset + margin + below + 1] -= share
         return float(coefficients @ gram @ coefficients)
 
-    pairs = [(a, b) for a in shifts for b in shifts]
+    has_wrench = bool(walk.measured.any())
+    pairs = [(a, b) for a in shifts for b in (shifts if has_wrench else (0,))]
     start = min(pairs, key=lambda pair: squared_rest(np.array(pair, dtype=float)))
-    bounds = [(-float(margin), float(margin))] * 2
+    widest = float(margin)
+    bounds = [(-widest, widest), (-widest, widest) if has_wrench else (0.0, 0.0)]
     best, least = np.array(start, dtype=float), squared_rest(np.array(start, dtype=float))
     for first in (-0.5, 0.0, 0.5):
-        for second in (-0.5, 0.0, 0.5):
+        for second in (-0.5, 0.0, 0.5) if has_wrench else (0.0,):
             guess = np.clip(best + np.array([first, second]), -margin, margin)
             found = minimize(squared_rest, guess, method="Nelder-Mead", bounds=bounds, options={"xatol": 1e-4})
             if found.fun < least:

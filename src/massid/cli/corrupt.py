@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import tyro
 
@@ -22,6 +23,7 @@ class Corrupt:
     Examples:
       massid corrupt walk.mcap noisy.mcap
       massid corrupt walk.mcap noisy.mcap --noise white --seed 7
+      massid corrupt walk.mcap blind.mcap --noise realistic --drop wrench
     """
 
     source: tyro.conf.Positional[Path]
@@ -32,6 +34,8 @@ class Corrupt:
     """white: white noise on every channel; realistic: with offsets and gains; harsh: twice that."""
     seed: int = 0
     """Seeds offsets, gains and white noise."""
+    drop: tuple[Literal["wrench"], ...] = ()
+    """Sensors that the robot does not have; wrench: its feet."""
 
     def run(self) -> int:
         """Write the noisy log, and say where the files are."""
@@ -39,9 +43,9 @@ class Corrupt:
         from massid.plant import corrupt_log
 
         check_suffix("the log", self.out, ".mcap", pipes=False)
-        if self.noise == "clean":
-            raise BadInputError("--noise clean changes nothing: choose white, realistic or harsh.")
-        written = corrupt_log(self.source, self.out, self.noise, self.seed)
+        if self.noise == "clean" and not self.drop:
+            raise BadInputError("--noise clean changes nothing: choose white, realistic or harsh, or --drop a sensor.")
+        written = corrupt_log(self.source, self.out, self.noise, self.seed, wrenches="wrench" not in self.drop)
         for warning in written.walk.warnings:
             warn(warning)
         say(f"log: {written.path} ({written.walk.duration_s:.1f} s, {len(written.walk)} samples)")

@@ -143,7 +143,7 @@ class Inspect:
                 ),
             ],
         )
-        page.section("Physics", _physics_lines(audit, weight.measured_kg, weight.nominal_kg))
+        page.section("Physics", _physics_lines(audit))
         worst = max(kinematics.joints.items(), key=lambda item: item[1], default=None)
         page.section(
             "Position against velocity (share of the motion that disagrees)",
@@ -225,11 +225,18 @@ def _lag(lag_s: float, walk: Walk) -> str:
     return f"{lag_s * 1e3:+.2f} ms" if is_inside else "not measurable"
 
 
-def _physics_lines(audit: Audit, measured_kg: float, nominal_kg: float) -> list[str]:
+def _physics_lines(audit: Audit) -> list[str]:
+    measured_kg, nominal_kg = audit.weight.measured_kg, audit.weight.nominal_kg
     leaning = f"the mean force leans {audit.weight.tilt_rad * 57.29578:.1f} degrees"
-    if abs(measured_kg) < _LEAST_LOAD * nominal_kg:
+    if measured_kg is not None and abs(measured_kg) < _LEAST_LOAD * nominal_kg:
         leaning = "too little for a direction"
-    lines = [f"the ground carries {measured_kg:.2f} kg on average, the model weighs {nominal_kg:.2f} kg; {leaning}"]
+    if measured_kg is None:
+        walk = audit.walk
+        blind = [body for body, axes in zip(walk.contact_bodies, walk.measured, strict=True) if not axes.all()]
+        lines = [f"no sensor reads what {', '.join(blind)} carry; the model weighs {nominal_kg:.2f} kg"]
+    else:
+        carried = f"the ground carries {measured_kg:.2f} kg on average"
+        lines = [f"{carried}, the model weighs {nominal_kg:.2f} kg; {leaning}"]
     contact = audit.self_contact
     lines.append(f"links touch each other in {int(contact.samples.sum())} of {len(contact.samples)} samples")
     if audit.lag is not None:

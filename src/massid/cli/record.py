@@ -58,6 +58,8 @@ class Record:
     [m]; however light, and on any link that moves. The truth file has it beside the masses of the links themselves."""
     noise: NoisePreset = "clean"
     """Noise of the sensors; offsets and gains that were drawn go into the truth file alone."""
+    sensors: Literal["all", "no-wrench"] = "all"
+    """Which the robot has; no-wrench for none at its feet."""
     seed: int = 0
     """Seeds mass errors, gait and sensors."""
 
@@ -114,6 +116,7 @@ class Record:
                 hidden=hidden,
                 payload_kg=payload_kg,
                 noise=self.noise,
+                wrenches=self.sensors == "all",
                 period_s=None if self.rate_hz is None else 1.0 / self.rate_hz,
                 seed=self.seed,
                 progress=progress,

@@ -5,7 +5,8 @@ there is no estimator in it. The linearisation shares nothing with the estimator
 say of their effects, so that an error there would show. States are measured with white noise; joint torques and contact
 wrenches are inputs that are read with white noise and slow errors. The error of the state then follows a linear system
 driven by that noise, whose information about the masses is exact (`SensitivityRecursion`). A prior counts as one more
-measurement.
+measurement. A wrench without a sensor is an input of which nothing is known where its foot is loaded, and zero in the
+air.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ def cramer_rao(
     """Bound the covariance of the parameters.
 
     Args:
-        walk: without noise.
+        walk: without noise; wrenches without a sensor (`Walk.open_axes`) as they were.
         robot: the robot with nominal masses.
         space: the unknowns and their priors; of bodies and slow errors of the sensors.
         truth: of bodies, and anything for the others, shape (n_p,).
@@ -128,8 +129,12 @@ def cramer_rao(
         for k in range(segment.start, segment.stop - 1):
             if (k - segment.start) % hold_steps == 0:
                 plant.linearise(walk, k)
+            read = loaded[k][:, None] & walk.measured
             recursion.step(
-                plant.transition, plant.process_noise(noise, loaded[k]), plant.effects(walk, k, loaded[k], rates[k])
+                plant.transition,
+                plant.process_noise(noise, read),
+                plant.effects(walk, k, loaded[k], rates[k]),
+                plant.from_wrench(loaded[k][:, None] & ~walk.measured),
             )
     information = recursion.information + np.diag(space.prior_precision)
     if gate:
@@ -246,11 +251,18 @@ class _Plant:
             change = _difference(model, _step(other, scratch, qpos, qvel, force, wrench), base)
             self._from_bodies[:, column] = change / self._body_steps[column]
 
-    def process_noise(self, noise: SensorNoise, loaded: BoolArray) -> FloatArray:
-        """Covariance that the noise of the input readings adds to the state in one step, shape (2 nv, 2 nv)."""
-        std = np.concatenate(
-            [np.full(len(self._robot.joint_names), noise.effort), (loaded[:, None] * noise.wrench_std()).ravel()]
-        )
+    def from_wrench(self, components: BoolArray) -> FloatArray:
+        """What some components of the wrenches, shape (n_c, 6), add to the state in one step, shape (2 nv, m)."""
+        return self._inputs[:, len(self._robot.joint_names) :][:, components.ravel()]
+
+    def process_noise(self, noise: SensorNoise, read: BoolArray) -> FloatArray:
+        """Covariance that the noise of the input readings adds to the state in one step, shape (2 nv, 2 nv).
+
+        Args:
+            noise: of the sensors.
+            read: components of the wrenches that are not known better, shape (n_c, 6).
+        """
+        std = np.concatenate([np.full(len(self._robot.joint_names), noise.effort), (read * noise.wrench_std()).ravel()])
         scaled = self._inputs * std
         return np.asarray(scaled @ scaled.T)
 

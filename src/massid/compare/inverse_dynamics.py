@@ -20,7 +20,7 @@ from massid.model.robot import Robot
 from massid.model.unknowns.bodies import Mass
 from massid.model.unknowns.unknown import Effect, Unknown, unknowns_of
 from massid.search.parameters import ParameterSpace
-from massid.typing import FloatArray
+from massid.typing import BoolArray, FloatArray
 
 MASS_STEP = 0.1
 """Difference of masses, relative; the forces are linear in them but for the softness of friction."""
@@ -28,6 +28,8 @@ SHAPE_STEP = 1e-5
 """Difference of other numbers that change models, relative to their scales; the forces bend in most of them."""
 STATE_STEP = 1e-4
 """Difference of measured states [rad, m, rad/s, m/s]."""
+_LEAST_DIRECTION = 1e-6
+"""Share of the largest effect of a wrench below which one has none."""
 
 
 class InverseDynamics:
@@ -79,6 +81,20 @@ class InverseDynamics:
         if error.any():
             out += self._of_states(error, motion, model, forces, applied)
         return np.asarray(out)
+
+    def beyond(self, forces: FloatArray, motion: Motion, unknown: BoolArray) -> FloatArray:
+        """What no wrench explains of some forces, in least squares, shape (n, nv).
+
+        Args:
+            forces: generalised forces along a motion, shape (n, nv).
+            motion: n instants.
+            unknown: components of the wrenches that may be anything, shape (n, 6 n_c).
+        """
+        if not unknown.any():
+            return forces
+        pushed = np.where(unknown[:, None], self._jacobians(motion), 0.0)
+        wrench = np.linalg.pinv(pushed, rcond=_LEAST_DIRECTION) @ forces[..., None]
+        return np.asarray(forces - (pushed @ wrench)[..., 0])
 
     def regressor(self, motion: Motion) -> FloatArray:
         """Derivatives of the residual by the unknowns, shape (n, nv, n_p)."""

@@ -8,6 +8,9 @@ from scipy.linalg import lapack
 from massid.errors import BadInputError
 from massid.typing import FloatArray
 
+_LEAST_DIRECTION = 1e-6
+"""Share of the largest effect of unknown inputs below which a combination of them does nothing."""
+
 
 class SensitivityRecursion:
     """Kalman recursion of the state estimate's derivatives by the parameters p.
@@ -37,13 +40,24 @@ class SensitivityRecursion:
         self._covariance = np.diag(self._variance)
         self._sensitivity = -self._from_output
 
-    def step(self, transition: FloatArray, process_noise: FloatArray, from_parameters: FloatArray) -> None:
+    def step(
+        self,
+        transition: FloatArray,
+        process_noise: FloatArray,
+        from_parameters: FloatArray,
+        from_unknown: FloatArray | None = None,
+    ) -> None:
         """Predict over one step and take the measurement after it.
+
+        An input d of which nothing is known adds B d to the state. With S = L L^T, U = L^-1 B and F = (1 - K) B, its
+        best estimate is (U^T U)^-1 U^T L^-1 e: the part of the innovation that it explains tells nothing of p, and its
+        error adds F (U^T U)^-1 F^T to the covariance.
 
         Args:
             transition: A, shape (n_x, n_x).
             process_noise: covariance of w, shape (n_x, n_x).
             from_parameters: C, shape (n_x, n_p).
+            from_unknown: B, shape (n_x, m); None for no such input.
 
         Raises:
             BadInputError: the covariance of the innovation is not positive definite.
@@ -58,6 +72,16 @@ class SensitivityRecursion:
             raise BadInputError("The innovation covariance is not positive definite: check the noise levels.")
         root, _ = lapack.dtrtrs(factor, predicted, lower=1)
         whitened, _ = lapack.dtrtrs(factor, sensitivity + self._from_output, lower=1)
-        self.information += whitened.T @ whitened
         self._covariance = predicted - root.T @ root
         self._sensitivity = sensitivity - root.T @ whitened
+        if from_unknown is not None and from_unknown.shape[1]:
+            seen, _ = lapack.dtrtrs(factor, from_unknown, lower=1)
+            basis, size, turn = np.linalg.svd(seen, full_matrices=False)
+            rank = np.count_nonzero(size > _LEAST_DIRECTION * size[0])  # what moves nothing does no harm
+            basis, size, turn = basis[:, :rank], size[:rank], turn[:rank]
+            left = (turn / size[:, None]) @ (from_unknown - root.T @ seen).T
+            along = basis.T @ whitened
+            self._covariance += left.T @ left
+            self._sensitivity -= left.T @ along
+            whitened -= basis @ along
+        self.information += whitened.T @ whitened

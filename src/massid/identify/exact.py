@@ -48,7 +48,7 @@ class ExactInference:
         """None."""
         return None
 
-    def pass_rule(self, space: ParameterSpace) -> UntilConverged:
+    def pass_rule(self, space: ParameterSpace, *, near: bool = False) -> UntilConverged:
         """All windows, until the search has converged."""
         return UntilConverged()
 

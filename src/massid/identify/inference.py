@@ -36,8 +36,13 @@ class Inference(Protocol):
     def prior(self, space: ParameterSpace) -> LocalQuadratic | None:
         """What is believed beforehand, in units of mu; None for nothing."""
 
-    def pass_rule(self, space: ParameterSpace) -> PassRule:
-        """When passes over a log have taught what there is to learn."""
+    def pass_rule(self, space: ParameterSpace, *, near: bool = False) -> PassRule:
+        """When passes over a log have taught what there is to learn.
+
+        Args:
+            space: what is unknown.
+            near: whether the search starts near its end, so that all of the log is needed at once.
+        """
 
     def learning(self, space: ParameterSpace, options: IdentifyOptions, timestep_s: float) -> Learning:
         """What windows of a stream add up to.

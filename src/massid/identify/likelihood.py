@@ -75,9 +75,9 @@ class LikelihoodInference:
         """Of the nuisances."""
         return LocalQuadratic.belief(space.nominal, space.prior_precision)
 
-    def pass_rule(self, space: ParameterSpace) -> LikelihoodPasses:
-        """A few windows first, then all, until nothing is gained."""
-        return LikelihoodPasses(space)
+    def pass_rule(self, space: ParameterSpace, *, near: bool = False) -> LikelihoodPasses:
+        """A few windows first, unless the search starts near its end; then all, until nothing is gained."""
+        return LikelihoodPasses(space, None if near else FIRST_WINDOWS)
 
     def learning(self, space: ParameterSpace, options: IdentifyOptions, timestep_s: float) -> LikelihoodLearning:
         """A running belief.
@@ -192,11 +192,11 @@ class LikelihoodPasses:
 
     Args:
         space: what is unknown; what was asked for comes first.
+        first_windows: how many are replayed until these have taught what they can; None for all from the start.
     """
 
-    first_windows: int | None = FIRST_WINDOWS
-
-    def __init__(self, space: ParameterSpace) -> None:
+    def __init__(self, space: ParameterSpace, first_windows: int | None = FIRST_WINDOWS) -> None:
+        self.first_windows = first_windows
         self._asked, self._scale = space.n_sampled, space.scale[: space.n_sampled]
         self._gains: list[float] = []
 

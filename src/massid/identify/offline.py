@@ -21,6 +21,7 @@ from massid.model.robot import Robot
 from massid.result.result import Result, WindowResult
 from massid.search.guided import GuidedSearch
 from massid.search.offline import run_offline
+from massid.typing import FloatArray
 
 
 def identify_offline(
@@ -29,6 +30,7 @@ def identify_offline(
     options: IdentifyOptions | None = None,
     progress: Progress = silent,
     stop: Callable[[], bool] = never,
+    start: FloatArray | None = None,
 ) -> Result:
     """Minimise the sum of mu over all dwell windows of a log, or of several.
 
@@ -38,6 +40,7 @@ def identify_offline(
         options: how to identify.
         progress: told the fraction of the passes done.
         stop: asked after every window; once it says so, the passes completed by then are all there are.
+        start: where the search begins, in the space of all logs' unknowns; default the nominal values.
 
     Raises:
         LogError: a log is shorter than one dwell window.
@@ -51,7 +54,11 @@ def identify_offline(
     space, inference = joint.space, inference_for(logs[0].sensors)
     n_models = options.models(space.n_sampled)
     search = GuidedSearch(
-        space, n_models, inference.search_options(options.search, replayed=True), np.random.default_rng(options.seed)
+        space,
+        n_models,
+        inference.search_options(options.search, replayed=True),
+        np.random.default_rng(options.seed),
+        () if start is None else (start,),
     )
     prior = inference.prior(space)
 
@@ -61,7 +68,9 @@ def identify_offline(
     replays = [
         WalkReplay(log, robot, options, n_models, columns) for log, columns in zip(logs, joint.columns, strict=True)
     ]
-    run = run_offline(replays, search, options.passes, inference.pass_rule(space), prior, tell, stop)
+    run = run_offline(
+        replays, search, options.passes, inference.pass_rule(space, near=start is not None), prior, tell, stop
+    )
     progress(1.0, "done")
     log_s = sum(log.walk.duration_s for log in logs)
     found = [WindowResult.from_iteration(one, space.n_sampled, log_s) for one in run.iterations]

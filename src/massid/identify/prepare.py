@@ -13,6 +13,7 @@ from massid.identify.sensing import choose_sensors, clean_doubts, coarse_doubts
 from massid.identify.stepping import with_suitable_steps
 from massid.model.robot import Robot
 from massid.model.unknowns.unknown import unknowns_of
+from massid.observer.ground import with_ground
 from massid.observer.sensors import ExactSensors, NoisySensors, SensorModel
 from massid.search.parameters import ParameterSpace
 from massid.walk import Walk
@@ -27,7 +28,8 @@ def prepare_logs(
 ) -> tuple[PreparedLog, ...]:
     """Align walks with the robot, choose their sensor models and say what is unknown about each.
 
-    Sample periods and contact bodies may differ from log to log.
+    Feet whose wrench no sensor measures are judged with the nominal masses. Sample periods and contact bodies may
+    differ from log to log.
 
     Args:
         walks: of the same robot.
@@ -53,6 +55,7 @@ def prepare_logs(
         walk = robot.align(one)
         sensors = choose_sensors(walk, robot, options, explained=exact is not None and exact[k])
         notes: tuple[str, ...] = ()
+        walk = with_ground(walk, robot, sensors.noise if isinstance(sensors, NoisySensors) else None)
         if isinstance(sensors, NoisySensors):
             sensors, notes = with_suitable_steps(sensors, walk, robot, asked)
             notes = (*coarse_doubts(walk, options, sensors), *notes)

@@ -16,7 +16,6 @@ from massid.model.unknowns.joints import Armature, typical_armature
 from massid.model.unknowns.lags import EffortLag, WrenchLag
 from massid.model.unknowns.sensors import (
     FORCE_AXES,
-    WRENCH_AXES,
     EffortGain,
     EffortOffset,
     EncoderOffset,
@@ -59,8 +58,8 @@ def choose_sensors(walk: Walk, robot: Robot, options: IdentifyOptions, *, explai
     else:
         noise = None if options.noise == "clean" else PRESETS[options.noise]
     if noise is None:
-        return ExactSensors(options.bandwidth_rad_s, options.damping_ratio, options.forgetting_rate)
-    return NoisySensors(noise)
+        return ExactSensors(options.bandwidth_rad_s, options.damping_ratio, options.forgetting_rate, walk.open_axes)
+    return NoisySensors(noise, open_axes=walk.open_axes)
 
 
 def read_noise(walk: Walk, robot: Robot) -> SensorNoise | None:
@@ -128,9 +127,17 @@ def estimate_white_noise(walk: Walk) -> SensorNoise:
         base_orientation=white_level(rotation_between(walk.qpos[:-1, 3:7], walk.qpos[1:, 3:7]), already_differenced=1),
         base_linear_velocity=white_level(walk.qvel[:, :3]),
         base_angular_velocity=white_level(walk.qvel[:, 3:6]),
-        force=white_level(walk.wrench[:, :, :3].reshape(len(walk), -1)),
-        moment=white_level(walk.wrench[:, :, 3:].reshape(len(walk), -1)),
+        **_wrench_noise(walk),
     )
+
+
+def _wrench_noise(walk: Walk) -> dict[str, float]:
+    """Noise of the contact sensors that there are [N, N m]."""
+    found = {}
+    for name, axes in (("force", slice(0, 3)), ("moment", slice(3, 6))):
+        if walk.measured[:, axes].any():
+            found[name] = white_level(walk.wrench[:, :, axes][:, walk.measured[:, axes]])
+    return found
 
 
 def nuisances(
@@ -153,10 +160,11 @@ def nuisances(
         if std > 0.0:
             found += [kind(joint, **nuisance(std)) for joint in robot.joint_names]
     if noise.wrench_gain > 0.0:
-        axes = [(body, axis) for body in walk.contact_bodies for axis in range(len(WRENCH_AXES))]
+        axes = [(walk.contact_bodies[contact], axis) for contact, axis in np.argwhere(walk.measured).tolist()]
         found += [WrenchGain(body, axis, **nuisance(noise.wrench_gain)) for body, axis in axes]
     if options.lag_s > 0.0:
-        found += [EffortLag(**nuisance(options.lag_s)), WrenchLag(**nuisance(options.lag_s))]
+        found.append(EffortLag(**nuisance(options.lag_s)))
+        found += [WrenchLag(**nuisance(options.lag_s))] if walk.measured.any() else []
     if noise.force_offset > 0.0:
         found += _force_offsets(walk, noise)
     if options.link_inertia > 0.0:
@@ -175,12 +183,13 @@ def nuisances(
 
 def _force_offsets(walk: Walk, noise: SensorNoise) -> list[WrenchOffset]:
     """Offsets of the force sensors, with what their readings off the ground say about them."""
-    readings = walk.wrench.reshape(len(walk), -1)
-    offsets = offsets_in_air(readings, noise, walk.timestep_s, LEAST_SHARE * PRESETS["white"].force)
+    readings, least = walk.wrench.reshape(len(walk), -1), LEAST_SHARE * PRESETS["white"].force
+    offsets = offsets_in_air(readings, noise, walk.timestep_s, least, walk.open_axes)
     return [
         WrenchOffset(body, axis, **nuisance(float(offsets.std[at]), float(offsets.mean[at])))
         for contact, body in enumerate(walk.contact_bodies)
         for axis, at in enumerate(range(6 * contact, 6 * contact + FORCE_AXES))
+        if at not in walk.open_axes
     ]
 
 

@@ -77,8 +77,11 @@ def foresee(
         channels = robot.channels(logs[0].walk.contact_bodies)
         told = [one for one in unknowns_of(asked) if FRICTION_LOSS not in alone(channels, one).fields_written]
         asked = ParameterSpace(tuple(told))
-        sensors = NoisySensors(PRESETS[REFERENCE])
-        logs = [prepare_log(log.walk, robot, asked, sensors, options) for log in logs]
+        noise = PRESETS[REFERENCE]
+        logs = [
+            prepare_log(log.walk, robot, asked, NoisySensors(noise, open_axes=log.walk.open_axes), options)
+            for log in logs
+        ]
     logs = tuple(replace(log, space=_all_tangent(log.space)) for log in logs)
     joint = join_spaces(logs)
     facts = MotionFacts.of_all([observe_motion(robot, log.walk) for log in logs])

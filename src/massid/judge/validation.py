@@ -110,8 +110,9 @@ def predict_torques(result: Result, walk: Walk, robot: Robot) -> TorquePredictio
             piece = Segment(start, min(start + _PIECE + 1, segment.stop))  # the last sample ends the last step
             motion = smooth_motion(walk.between(piece.start, piece.stop), robot.layout, None)
             rows = slice(piece.start, piece.stop - 1)
-            before[rows] = dynamics.residual(motion)[:, dof]
-            after[rows] = dynamics.residual_at(motion, point)[:, dof]
+            unknown = ~walk.measured.ravel() & (motion.wrench != 0.0)
+            before[rows] = dynamics.beyond(dynamics.residual(motion), motion, unknown)[:, dof]
+            after[rows] = dynamics.beyond(dynamics.residual_at(motion, point), motion, unknown)[:, dof]
     # The instants that the low-pass keeps are found by passing the clock through it.
     clock = np.repeat(walk.time_s[:, None], walk.effort.shape[1], axis=1)
     return TorquePrediction(
@@ -134,8 +135,8 @@ def _end_of_check(walk: Walk) -> int:
 
 
 def check_total(result: Result, walk: Walk, robot: Robot) -> WeightCheck | None:
-    """Compare the mass found with what the ground carried; None if nothing carries the robot."""
-    if not is_carried(robot, walk):
+    """Compare the mass found with what the ground carried; None if nothing does, or no sensor reads all of it."""
+    if walk.open_axes or not is_carried(robot, walk):
         return None
     space, point = result.unknowns()
     found_kg = robot.total_mass_kg + float(adds_mass(space) @ (point - space.nominal))

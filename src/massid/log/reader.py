@@ -25,7 +25,7 @@ from massid.log.tables import TABLES, Table, read_table
 from massid.log.topics.kinds import POSES, adapted
 from massid.log.topics.map import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
 from massid.log.transforms import STATIC, TRANSFORMS, Chain, FrameTree
-from massid.log.writer import COMPLETE, METADATA_NAME
+from massid.log.writer import COMPLETE, METADATA_NAME, UNMEASURED
 from massid.memory import give_back
 from massid.typing import FloatArray
 from massid.walk import Walk
@@ -150,7 +150,8 @@ class _Reader:
         self.check_metadata(metadata, alignment)
         for signal in (*base.signals, *joints.signals):
             signal.average(alignment)
-        wrench = np.empty((len(alignment.stamps_ns), len(contacts), 6))
+        blind = tuple(body for body in self.unmeasured(contents) if body not in contacts)
+        wrench = np.zeros((len(alignment.stamps_ns), len(contacts) + len(blind), 6))
         for column, contact in enumerate(contacts.values()):
             wrench[:, column] = contact.signal.on(alignment)
         effort = joints.torques(alignment)
@@ -160,7 +161,7 @@ class _Reader:
         return Walk(
             root_body=body,
             joint_names=joints.names,
-            contact_bodies=tuple(contacts),
+            contact_bodies=(*contacts, *blind),
             stamps_ns=alignment.stamps_ns,
             qpos=_read_only(qpos),
             qvel=_read_only(qvel),
@@ -172,6 +173,7 @@ class _Reader:
             warnings=tuple(on_one_line(f"{self.source}: {line}") for line in self.warnings),
             source=self.source,
             world_wrenches=tuple(name for name, c in contacts.items() if c.layout.frame is Frame.WORLD),
+            open_axes=tuple(range(6 * len(contacts), 6 * (len(contacts) + len(blind)))),
         )
 
     def check_supply(self, role: str, quantity: str, source: Source, contents: Contents) -> None:
@@ -241,13 +243,21 @@ class _Reader:
                             "says which body each is of."
                         )
                     by_body[body] = (key, contact, columns)
-        if not by_body:
-            wanted = ", ".join(contact.topic for contact in self.topics.contacts) or "those of the topic map (none)"
+        if not (by_body or self.unmeasured(contents)):
+            named = [contact.topic for contact in self.topics.contacts if contact.topic]
+            wanted = ", ".join(named) or "those of the topic map (none)"
             raise LogError(
                 f"{self.source}: no contact wrench: no topic like {wanted} holds samples.{self.advice(WRENCH)} "
-                f"{self.supply(WRENCH, contents)}"
+                f"{self.supply(WRENCH, contents)} For a robot without such sensors, name the bodies that touch the "
+                "ground: `contacts: [{body: NAME}, {body: NAME}]` in a topic map."
             )
         return by_body
+
+    def unmeasured(self, contents: Contents) -> tuple[str, ...]:
+        """Bodies that touch the ground without a sensor: as the topic map has them, or the recorder."""
+        named = [contact.body for contact in self.topics.contacts if not contact.topic]
+        said = contents.metadata.get(METADATA_NAME, {}).get(UNMEASURED, "").split("\n")
+        return tuple(dict.fromkeys(str(name) for name in (*named, *said) if name))
 
     def bodies(self, contact: ContactMap, topic: str) -> dict[str, TopicColumns]:
         """The bodies whose wrench a topic holds: the one that the map names, or each that the messages name."""

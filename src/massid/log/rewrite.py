@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from massid.errors import LogError
-from massid.log.writer import COMPLETE, RESERVED_METADATA, WalkWriter
+from massid.log.writer import COMPLETE, RESERVED_METADATA, UNMEASURED, WalkWriter
 from massid.walk import Walk
 
 
@@ -17,6 +17,8 @@ def write_walk(
     companions: Mapping[Path, bytes] | None = None,
 ) -> Path:
     """Write a walk to a new log: all of it, or none. Gaps stay gaps, and how the recording ended is kept.
+
+    A body none of whose wrench was measured gets no topic; its name stands in the metadata.
 
     Args:
         walk: with its wrenches in the bodies' frames.
@@ -32,20 +34,22 @@ def write_walk(
             f"The wrenches of {', '.join(walk.world_wrenches)} are given in the world; identify takes them, but a log "
             "of massid holds them in their bodies."
         )
-    said = {**walk.metadata, **(metadata or {})}
+    blind = [body for body, axes in zip(walk.contact_bodies, walk.measured, strict=True) if not axes.any()]
+    said = {**walk.metadata, **(metadata or {})} | ({UNMEASURED: "\n".join(blind)} if blind else {})
+    read = [(c, body) for c, body in enumerate(walk.contact_bodies) if body not in blind]
     writer = WalkWriter(
         path,
         root_body=walk.root_body,
         joint_names=walk.joint_names,
         timestep_s=walk.timestep_s,
-        contact_bodies=walk.contact_bodies,
+        contact_bodies=[body for _, body in read],
         metadata={key: value for key, value in said.items() if key not in RESERVED_METADATA},
         companions=lambda end: companions or {},
     )
     try:
         for segment in walk.segments:
             rows = slice(segment.start, segment.stop)
-            wrenches = {body: walk.wrench[rows, c] for c, body in enumerate(walk.contact_bodies)}
+            wrenches = {body: walk.wrench[rows, c] for c, body in read}
             writer.append_block(walk.stamps_ns[rows], walk.qpos[rows], walk.qvel[rows], walk.effort[rows], wrenches)
         if said.get("end", COMPLETE) != COMPLETE:
             writer.end_because(said["end"])

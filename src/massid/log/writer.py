@@ -23,6 +23,8 @@ COMPLETE = "complete"
 ODOMETRY_TOPIC, JOINT_STATES_TOPIC, CONTACT_PREFIX = "/odom", "/joint_states", "/contact/"
 RESERVED_METADATA = ("root_body", "timestep_s", "end")
 """Keys that the recorder writes itself."""
+UNMEASURED = "unmeasured_wrenches"
+"""Key of the metadata that names bodies which touch the ground and have no sensor, one a line."""
 _NORM_TOLERANCE = 1e-6
 _LAST_STAMP = (1 << 31) * NANOSECONDS  # ROS counts seconds in an int32
 _XYZ = ("x", "y", "z")

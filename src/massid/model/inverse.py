@@ -119,6 +119,22 @@ class DiscreteInverseDynamics:
             out[k] = data.qfrc_inverse
         return out
 
+    def inertia(self, qpos: FloatArray) -> FloatArray:
+        """Mass matrices, shape (n, nv, nv).
+
+        Args:
+            qpos: positions, shape (n, nq).
+        """
+        model, data = self._model, self._data
+        out = np.empty((len(qpos), model.nv, model.nv))
+        for k, row in enumerate(qpos):
+            data.qpos[:] = row
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_makeM(model, data)
+            mujoco.mj_fullM(model, data, out[k])
+        return out
+
     def jacobian(self, qpos: FloatArray) -> FloatArray:
         """Generalised force per unit of force and moment in each contact body's frame, shape (n, n_c, 6, nv).
 

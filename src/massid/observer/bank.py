@@ -170,6 +170,7 @@ class RobotBank(Bank[ReplayBlock]):
             diverged=engine.diverged(),
             tangents=None if gains.tangents is None else gains.tangents.transpose(1, 0, 2),
             shown=shown,
+            explained=gains.explained,
         )
 
     def replay(

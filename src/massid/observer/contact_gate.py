@@ -11,7 +11,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from massid.model.unknowns.sensors import WrenchOffset
 from massid.observer.spans import Spans
 from massid.search.parameters import ParameterSpace
-from massid.typing import BoolArray, FloatArray
+from massid.typing import BoolArray, FloatArray, IntArray
 from massid.walk.noise import SensorNoise
 
 _OF_NOISE, _OF_OFFSET = 4.5, 3.0
@@ -54,7 +54,13 @@ class ForceOffsets:
         return offsets
 
 
-def offsets_in_air(wrench: FloatArray, noise: SensorNoise, timestep_s: float, least_force: float) -> ForceOffsets:
+def offsets_in_air(
+    wrench: FloatArray,
+    noise: SensorNoise,
+    timestep_s: float,
+    least_force: float,
+    open_axes: Sequence[int] | IntArray = (),
+) -> ForceOffsets:
     """What the force sensors read while their foot is off the ground, with what was believed of them before.
 
     Heel or toe of a foot of several bodies may carry a few newtons for long, less than an offset may be. So a first
@@ -65,6 +71,7 @@ def offsets_in_air(wrench: FloatArray, noise: SensorNoise, timestep_s: float, le
         noise: of the sensors.
         timestep_s: sample period [s].
         least_force: white noise that a force has at least, for a simulated sensor may read plain zero [N].
+        open_axes: columns that are not measured.
     """
     n_contacts = wrench.shape[1] // 6
     believed = ForceOffsets.unknown(noise, n_contacts)
@@ -74,7 +81,7 @@ def offsets_in_air(wrench: FloatArray, noise: SensorNoise, timestep_s: float, le
     prior = np.divide(1.0, believed.std**2, out=np.full(len(std), np.inf), where=believed.std > 0.0)
     mean = believed.mean
     for last in range(_ROUNDS + 1):
-        unloaded = np.repeat(is_unloaded(wrench, noise, timestep_s, believed), 6, axis=1)
+        unloaded = np.repeat(is_unloaded(wrench, noise, timestep_s, believed, open_axes), 6, axis=1)
         count = unloaded.sum(axis=0)
         precision = prior + count / std**2
         if last == _ROUNDS:
@@ -88,18 +95,24 @@ def offsets_in_air(wrench: FloatArray, noise: SensorNoise, timestep_s: float, le
 
 
 def is_unloaded(
-    wrench: FloatArray, noise: SensorNoise, timestep_s: float, offsets: ForceOffsets | None = None
+    wrench: FloatArray,
+    noise: SensorNoise,
+    timestep_s: float,
+    offsets: ForceOffsets | None = None,
+    open_axes: Sequence[int] | IntArray = (),
 ) -> BoolArray:
     """Whether each contact sensor reads nothing but its own errors, shape (n, n_contacts).
 
-    A foot is unloaded where all six averaged components are as close to their offset as noise and what is known of it
-    let them be, and have been for a while.
+    A foot is unloaded where all averaged components that are measured are as close to their offset as noise and what is
+    known of it let them be, and have been for a while. One without any sensor is unloaded where its wrench was found to
+    be zero (`massid.observer.ground`).
 
     Args:
         wrench: readings, six columns per contact body, shape (n, 6 n_contacts) [N, N m].
         noise: of the sensors.
         timestep_s: sample period [s].
         offsets: what is believed of the sensors; default how large their errors may be.
+        open_axes: columns that are not measured.
     """
     spans = Spans.at(timestep_s)
     width, settling = spans.width, spans.settling
@@ -109,9 +122,12 @@ def is_unloaded(
     of_noise = np.tile(_OF_NOISE * noise.wrench_std(), wrench.shape[1] // 6)
     limit = np.sqrt((_OF_OFFSET * offsets.std) ** 2 + of_noise**2 / width)
     mean = uniform_filter1d(wrench, width, axis=0, mode="mirror")
-    loaded = (np.abs(mean - offsets.mean) > limit).reshape(len(wrench), -1, 6).any(axis=2)
+    is_open = np.zeros(wrench.shape[1], dtype=np.bool_)
+    is_open[list(open_axes)] = True
+    loaded = ((np.abs(mean - offsets.mean) > limit) & ~is_open).reshape(len(wrench), -1, 6).any(axis=2)
     # Looks back by `settling` samples, and ahead by none.
     recently = maximum_filter1d(
         loaded.astype(np.uint8), settling + 1, axis=0, origin=settling // 2, mode="constant", cval=0
     )
-    return np.asarray(recently == 0)
+    blind = is_open.reshape(-1, 6).all(axis=1)
+    return np.where(blind, ~wrench.reshape(len(wrench), -1, 6).any(axis=2), recently == 0)

@@ -17,7 +17,7 @@ from massid.model.realisation import Realisation
 from massid.observer.inputs import BelievedBlock
 from massid.observer.replay import ReplayBlock
 from massid.search.bank import Shown
-from massid.typing import FloatArray
+from massid.typing import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class InjectionGains:
             diagonal; the monitoring signal integrates |whitener y~|^2.
         inputs: what the inputs are believed to have been; None for what was measured.
         tangents: derivatives of whitener y~ by the last parameters or by all, shape (n, n_parameters, n_y).
+        explained: scalar output errors at the end of each step that inputs take up of which nothing is known, shape
+            (n,); None for none.
     """
 
     force: FloatArray | None
@@ -39,6 +41,7 @@ class InjectionGains:
     whitener: FloatArray
     tangents: FloatArray | None = None
     inputs: BelievedBlock | None = None
+    explained: IntArray | None = None
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ unbiased however well the noise levels are known (the method of instrumental var
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -24,7 +25,7 @@ from massid.observer.kernels import correct_state
 from massid.observer.neighbours import level, slope
 from massid.observer.replay import ReplayBlock
 from massid.observer.spans import REACH_S, Spans
-from massid.typing import FloatArray
+from massid.typing import BoolArray, FloatArray, IntArray
 from massid.walk.noise import SensorNoise
 
 UNLIMITED = 1e9
@@ -39,6 +40,7 @@ class BelievedBlock(ReplayBlock):
         friction: friction torques that act besides, zero at the base, shape (n, nv) [N m or N].
         friction_loss: that the engine is to have: without limit where a joint sticks, else 0, shape (n, nv) [N m or N].
         friction_variance: of white noise that stands for unknown friction, shape (n, n_joints) [N^2 m^2].
+        unknown: where a wrench may act that no sensor reads, shape (n, 6 n_c).
         motion: what the columns of the Jacobian are made of: averages around the samples, but for the positions.
         readings: the same motion with torques and wrenches as they were read, which is what drives the models; its
             accelerations are left to whoever has a model.
@@ -47,6 +49,7 @@ class BelievedBlock(ReplayBlock):
     friction: FloatArray
     friction_loss: FloatArray
     friction_variance: FloatArray
+    unknown: BoolArray
     motion: Motion
     readings: Motion
 
@@ -66,6 +69,7 @@ class InputBelief:
         reach_s: how far around a sample its motion is averaged [s].
         unknown_friction: whether friction losses are to be found, be they zero in the model.
         offsets: what is believed of the contact sensors; default how large their errors may be.
+        open_axes: columns of the wrenches that no sensor measures.
     """
 
     def __init__(
@@ -78,6 +82,7 @@ class InputBelief:
         reach_s: float = REACH_S,
         unknown_friction: bool = False,
         offsets: ForceOffsets | None = None,
+        open_axes: Sequence[int] = (),
     ) -> None:
         self._noise, self._offsets = noise, offsets
         self._timestep_s = float(model.opt.timestep) if timestep_s is None else timestep_s
@@ -91,6 +96,13 @@ class InputBelief:
         self._velocity_std = layout.to_qvel(noise.state_std(n_joints)[6 + n_joints :])
         self._effort_std = self._by_dof(np.full((1, n_joints), noise.effort))[0]
         self._wrench_std = np.tile(noise.wrench_std(), model.nu // 6)
+        self._open = np.zeros(model.nu, dtype=np.bool_)
+        self._open[list(open_axes)] = True
+
+    @property
+    def open_axes(self) -> IntArray:
+        """Columns of the wrenches that no sensor measures, shape (m,)."""
+        return np.flatnonzero(self._open)
 
     @property
     def look_ahead(self) -> int:
@@ -120,10 +132,10 @@ class InputBelief:
         qpos, qvel, effort, wrench = (np.vstack([part[i] for part in parts]) for i in range(4))
         if self._sensors is not None:
             effort = self._read_later(effort, self._sensors.effort_lag[0, 0])
-            wrench = self._read_later(wrench, self._sensors.wrench_lag[0, 0])
+            wrench = np.where(self._open, wrench, self._read_later(wrench, self._sensors.wrench_lag[0, 0]))
         own = slice(first, first + n)
         readings = effort[own], wrench[own]
-        unloaded = is_unloaded(wrench, self._noise, self._timestep_s, self._offsets)
+        unloaded = is_unloaded(wrench, self._noise, self._timestep_s, self._offsets, self.open_axes)
         loaded = np.repeat(~unloaded, 6, axis=1).astype(np.float64)
         qpos, qvel, effort, wrench = self._corrected(qpos, qvel, effort, wrench)
         wrench = wrench * loaded
@@ -155,6 +167,7 @@ class InputBelief:
             friction=friction,
             friction_loss=friction_loss,
             friction_variance=rubbing.variance,
+            unknown=self._open & (loaded[own] > 0.0),
             motion=motion,
             readings=replace(motion, effort=effort[own], wrench=wrench[own]),
         )

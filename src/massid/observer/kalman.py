@@ -4,6 +4,8 @@ With the gain of its noise an identification model is the optimal filter for its
 independent, with a known covariance S; weighted by S^-1/2 and squared, their sum is minus twice the log-likelihood of
 the parameters, so the minimum of mu is the maximum-likelihood estimate and half its Hessian the Fisher information.
 
+Inputs of which nothing is known, such as the wrench on a foot without a sensor, are projected out of the innovation.
+
 The error state (q, qd) in the tangent space of the measurement follows x+ = A x + B_f w_f + B_tau w_tau with wrench
 noise w_f and torque noise w_tau; the matrices come from finite differences of the engine's own step, at the measured
 states.
@@ -31,6 +33,9 @@ from massid.walk.noise import SensorNoise
 
 HOLD_S = 0.01
 """A linearisation is kept for so long: a leg that swings turns by a few degrees meanwhile [s]."""
+LEAST_DIRECTION = 1e-6
+"""Share of the largest effect of unknown inputs below which a combination of them does nothing: straight legs, and legs
+with few joints, share some wrenches between the feet in ways that move nothing."""
 
 
 class KalmanInjection:
@@ -74,6 +79,7 @@ class KalmanInjection:
         n_v = 6 + n_joints
         self._variance = np.concatenate([layout.to_qvel(std[:n_v] ** 2), layout.to_qvel(std[n_v:] ** 2)])
         self._wrench_variance = np.tile(noise.wrench_std() ** 2, lineariser.model.nu // 6)
+        self._wrench_variance[inputs.open_axes] = 0.0
         self._effort_variance = np.full(n_joints, noise.effort**2)
         self._inputs = inputs
         self._covariance: FloatArray = np.diag(self._variance)
@@ -124,6 +130,7 @@ class KalmanInjection:
         inputs = self._inputs.believe(block)
         gains, whiteners = np.empty((2, n, n_x, n_x))
         tangents = np.empty((n, self._tangents.count, n_x)) if self._tangents else None
+        explained = np.zeros(n, dtype=np.int64)
         root_h = np.sqrt(self._lineariser.period_s)
         if self._tangents:
             self._tangents.enter(inputs.motion)
@@ -141,6 +148,13 @@ class KalmanInjection:
             if info != 0:
                 raise BadInputError("The innovation covariance is not positive definite: check the noise levels.")
             inverse_factor, _ = lapack.dtrtri(factor, lower=1)
+            unknown = inputs.unknown[k]
+            if unknown.any():
+                basis = directions(inverse_factor @ linear.from_wrench[:, unknown])
+                # Of L^-1, the limit of noise without bounds leaves (1 - Q Q^T) L^-1, whose square is the inverse of
+                # the innovation covariance in that limit: gain and covariance follow from it as ever.
+                inverse_factor -= basis @ (basis.T @ inverse_factor)
+                explained[k] = basis.shape[1]
             # mu integrates over time; dividing by the period makes it a sum over samples.
             whiteners[k] = inverse_factor / root_h
             if self._tangents and tangents is not None:
@@ -154,7 +168,9 @@ class KalmanInjection:
             self._gain = -self._variance[:, None] * precision
             self._gain[diagonal] += 1.0
             self._covariance, self._corrected = self._gain * self._variance, True
-        return InjectionGains(force=None, state=gains, whitener=whiteners, tangents=tangents, inputs=inputs)
+        return InjectionGains(
+            force=None, state=gains, whitener=whiteners, tangents=tangents, inputs=inputs, explained=explained
+        )
 
     def shown(self, gains: InjectionGains, centre: Trajectory) -> Shown | None:
         """What the centre showed along a block that it has run through, where columns of the Jacobian do not.
@@ -182,3 +198,13 @@ class KalmanInjection:
         from_wrench = linear.from_wrench * np.sqrt(self._wrench_variance * inputs.motion.loaded[held].max(axis=0))
         from_effort = linear.from_effort * np.sqrt(self._effort_variance + unknown)
         return np.asarray(from_wrench @ from_wrench.T + from_effort @ from_effort.T)
+
+
+def directions(effects: FloatArray) -> FloatArray:
+    """Orthonormal basis of what some inputs can do, shape (n, rank); fewer than m where some of them do the same.
+
+    Args:
+        effects: a column for each input, shape (n, m).
+    """
+    left, values, _ = np.linalg.svd(effects, full_matrices=False)
+    return np.asarray(left[:, values > LEAST_DIRECTION * values[0]])

@@ -22,6 +22,7 @@ from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
 from massid.observer.spans import REACH_S
 from massid.observer.tangents import TangentFilter
+from massid.observer.unread import UnreadInjection
 from massid.search.parameters import ParameterSpace
 from massid.walk import Walk
 from massid.walk.noise import SensorNoise
@@ -35,11 +36,13 @@ class ExactSensors:
         bandwidth_rad_s: w of the output injection K1 = w^2 H0, K2 = 2 zeta w H0 [rad/s].
         damping_ratio: zeta of it.
         forgetting_rate: lambda of the monitoring signal, Eq. 6 [1/s].
+        open_axes: columns of the wrenches, six for each contact body, that no sensor measures.
     """
 
     bandwidth_rad_s: float = 60.0
     damping_ratio: float = 1.0
     forgetting_rate: float = 1.0
+    open_axes: tuple[int, ...] = ()
 
     def suited_to(self, walk: Walk) -> ExactSensors:
         """The same: nothing depends on the motion."""
@@ -64,7 +67,8 @@ class ExactSensors:
         """
         model = robot.identification_model(contact_bodies)
         model.opt.timestep = timestep_s  # a slower log is on the model's clock already, as far as that goes
-        injection = InertiaShapedInjection(model, self.bandwidth_rad_s, self.damping_ratio)
+        shaped = InertiaShapedInjection(model, self.bandwidth_rad_s, self.damping_ratio)
+        injection = UnreadInjection(shaped, contact_bodies, self.open_axes) if self.open_axes else shaped
         return RobotBank(
             robot, space, contact_bodies, n_models, injection, timestep_s=timestep_s, n_threads=n_threads, model=model
         )
@@ -79,12 +83,14 @@ class NoisySensors:
         reach_s: how far around a sample the motion is averaged that columns of the Jacobian are made of [s].
         steps: that the models take from one sample to the next; None for what the model file asks for.
         forgetting_rate: likelihoods are not forgotten.
+        open_axes: columns of the wrenches, six for each contact body, that no sensor measures.
     """
 
     noise: SensorNoise
     reach_s: float = REACH_S
     steps: int | None = None
     forgetting_rate: float = 0.0
+    open_axes: tuple[int, ...] = ()
 
     def suited_to(self, walk: Walk) -> NoisySensors:
         """The same with the reach that the motion of a log bears."""
@@ -129,6 +135,7 @@ class NoisySensors:
             reach_s=self.reach_s,
             unknown_friction=robot.realise(space, space.nominal, contact_bodies).friction_loss is not None,
             offsets=ForceOffsets.believed(space, contact_bodies, self.noise),
+            open_axes=self.open_axes,
         )
         model.dof_frictionloss[:] = 0.0  # the beliefs say what friction was
         lineariser = Lineariser(copy.copy(model), robot.layout, substeps)

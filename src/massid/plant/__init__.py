@@ -1,6 +1,6 @@
 """The simulated truth: a robot with hidden masses on a floor, as a dm_control task, and the recorder of its walks."""
 
-from massid.plant.corruption import Corruption, corrupt_log, sensors_of
+from massid.plant.corruption import Corruption, corrupt_log, sensors_of, without_wrenches
 from massid.plant.embodiment import Integrator, motorised, variant
 from massid.plant.environment import PlantOptions, StayUp, make_environment
 from massid.plant.masses import HiddenMasses, MassErrors, default_links
@@ -29,4 +29,5 @@ __all__ = [
     "sensors_of",
     "truth_path",
     "variant",
+    "without_wrenches",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +62,9 @@ def sensors_of(walk: Walk, noise: NoisePreset, seed: int) -> Sensors:
     return Sensors(PRESETS[noise], len(walk.joint_names), walk.contact_bodies, rng)
 
 
-def corrupt_log(source: Path | str, path: Path | str, noise: NoisePreset, seed: int = 0) -> Corruption:
+def corrupt_log(
+    source: Path | str, path: Path | str, noise: NoisePreset, seed: int = 0, *, wrenches: bool = True
+) -> Corruption:
     """Write what noisy sensors would have logged, and the truth beside it.
 
     The log keeps its model, gaps and end. Preset, seed and the drawn offsets and gains go into the truth file alone.
@@ -72,6 +74,7 @@ def corrupt_log(source: Path | str, path: Path | str, noise: NoisePreset, seed: 
         path: the log to write; replaced if it exists.
         noise: clean, white, realistic or harsh.
         seed: of the sensors.
+        wrenches: whether there are contact sensors; feet without are named in the log's metadata.
 
     Raises:
         BadInputError: no such preset, a negative seed, the same file, a log with simulated noise already, a truth file
@@ -93,10 +96,17 @@ def corrupt_log(source: Path | str, path: Path | str, noise: NoisePreset, seed: 
     sensors = sensors_of(walk, noise, seed)
     truth = _load(truth_path(source))
     measured = sensors.measure(walk)
+    if not wrenches:
+        measured = without_wrenches(measured)
     drawn = {"preset": noise, "seed": seed, "std": asdict(sensors.noise), "drawn": sensors.drawn()}
     said = {} if noise == "clean" else {"sensor_noise": SIMULATED_NOISE}
     write_walk(measured, path, said, {truth_path(path): as_json(truth | {"sensors": drawn})})
     return Corruption(path, truth_path(path), measured)
+
+
+def without_wrenches(walk: Walk) -> Walk:
+    """What a robot without contact sensors would have logged."""
+    return replace(walk, wrench=np.zeros_like(walk.wrench), open_axes=tuple(range(6 * len(walk.contact_bodies))))
 
 
 def _load(path: Path) -> dict[str, Any]:

@@ -92,6 +92,7 @@ def record_walk(
     hidden: HiddenMasses | MassErrors | None = None,
     payload_kg: Mapping[str, float] | None = None,
     noise: NoisePreset = "clean",
+    wrenches: bool = True,
     period_s: float | None = None,
     seed: int = 0,
     progress: Progress | None = None,
@@ -112,6 +113,7 @@ def record_walk(
         hidden: the mass errors, or how to draw them; None draws `MassErrors()`.
         payload_kg: what links carry besides, however light, as `HiddenMasses` has it.
         noise: of the sensors: clean, white, realistic or harsh; the walker senses without noise.
+        wrenches: whether the robot has contact sensors.
         period_s: of the log's samples [s], a whole number of the model's steps; None for one. Torques and wrenches are
             means over it.
         seed: of mass errors, gait and sensors.
@@ -125,7 +127,7 @@ def record_walk(
     """
     path = Path(path)
     walk = _Walk(gait, controller, duration_s, period_s, seed, payload_kg or {})
-    if noise == "clean":
+    if noise == "clean" and wrenches:
         return _record_clean(source, path, walk, hidden, progress)
     check_noise(noise)
     clean = beside(path, ".mcap")
@@ -135,7 +137,7 @@ def record_walk(
     finally:
         try:
             if clean.exists():  # an interrupted recording, too
-                corrupt_log(clean, path, noise, seed)
+                corrupt_log(clean, path, noise, seed, wrenches=wrenches)
         finally:
             with uninterrupted():
                 for leftover in leftovers:

@@ -39,12 +39,15 @@ class OutputErrors:
             stand for what the samples show.
         shown: what the centre itself shows where that is not `tangents`, which share no noise with its output errors on
             purpose; None where it is the same for all, or nobody asked.
+        explained: how many of the n_y errors of each step say nothing, since inputs that are not known take them up,
+            shape (n_steps,); None for none.
     """
 
     values: FloatArray
     diverged: BoolArray
     tangents: FloatArray | None = None
     shown: Shown | None = None
+    explained: IntArray | None = None
 
     def later(self, first: int) -> OutputErrors:
         """Those of the steps from the first one asked for on, none of them if there are fewer."""
@@ -55,6 +58,7 @@ class OutputErrors:
             diverged=self.diverged,
             tangents=None if self.tangents is None else self.tangents[:, first:],
             shown=None if self.shown is None else Shown(self.shown.columns, self.shown.values[:, first:]),
+            explained=None if self.explained is None else self.explained[first:],
         )
 
 

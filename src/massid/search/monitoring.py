@@ -59,6 +59,8 @@ class MonitoringFilter:
         self._gram *= np.exp(-self._rate * self._timestep_s * n_steps)
         self._gram += rows @ rows.T
         self._samples += errors.values[0].size
+        if errors.explained is not None:
+            self._samples -= int(errors.explained.sum())
 
     def result(self, proposal: Proposal, prior: LocalQuadratic | None = None) -> Monitoring:
         """Close the window: what the models of a proposal scored, on top of what was known before."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from massid.errors import LogError, unknown_name
-from massid.typing import FloatArray, IntArray
+from massid.typing import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,8 @@ class Walk:
         source: where the walk came from, for messages.
         world_wrenches: contact bodies whose wrench is still expressed in the world: turning it into the body takes the
             robot's model (`Robot.align`).
+        open_axes: columns of the wrenches, six for each contact body, that no sensor measured. Their values are zero,
+            or what was found for them otherwise; where all of a foot's are zero, it is taken to be off the ground.
     """
 
     root_body: str
@@ -89,6 +91,7 @@ class Walk:
     warnings: tuple[str, ...] = ()
     source: str = "walk"
     world_wrenches: tuple[str, ...] = ()
+    open_axes: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         n, n_j, n_c = len(self.stamps_ns), len(self.joint_names), len(self.contact_bodies)
@@ -110,7 +113,14 @@ class Walk:
             object.__setattr__(self, name, array)
         if not self.segments:
             object.__setattr__(self, "segments", (Segment(0, n),))
+        self._check_axes()
         self._check_samples()
+
+    def _check_axes(self) -> None:
+        """Pass if the columns without a sensor are columns."""
+        n_axes = 6 * len(self.contact_bodies)
+        if strange := [axis for axis in self.open_axes if not 0 <= axis < n_axes]:
+            raise LogError(f"{self.source}: open axis {strange[0]}; the wrenches have columns 0 .. {n_axes - 1}.")
 
     def _check_samples(self) -> None:
         """Pass if there are samples, all numbers in use are finite and no sample is in use twice."""
@@ -137,6 +147,13 @@ class Walk:
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
+
+    @property
+    def measured(self) -> BoolArray:
+        """Which components of the wrenches have a sensor, shape (n_c, 6)."""
+        out = np.ones((len(self.contact_bodies), 6), dtype=np.bool_)
+        out.flat[list(self.open_axes)] = False
+        return out
 
     @property
     def duration_s(self) -> float:

@@ -324,6 +324,8 @@ def _contact(node: _Node) -> ContactMap:
     if not abs(norm - 1.0) < 1e-3:
         raise LogError(f"{node.where}: rotation has norm {norm:.4g}, expected a unit quaternion (wxyz).")
     w, i, j, k = (value / norm for value in rotation)
+    if set(node.mapping()) == {"body"}:  # it touches the ground and has no sensor
+        return ContactMap(topic="", body=node.child("body").text())
     force, force_scale = _scaled_fields(node, "force", fresh.force)
     torque, torque_scale = _scaled_fields(node, "torque", fresh.torque)
     return ContactMap(

@@ -172,7 +172,8 @@ class ContactMap:
     """Where the contact wrench of one body, or of several bodies, comes from.
 
     Attributes:
-        topic: name of the topic; `*` stands for anything, as in /contact/*.
+        topic: name of the topic; `*` stands for anything, as in /contact/*. "" for a body whose wrench has no
+            sensor.
         body: name of the body, or where the messages hold it.
         force: path of the force [N], or of each of its components.
         torque: path of the moment [N m], or of each of its components.
@@ -199,6 +200,8 @@ class ContactMap:
 
     def matches(self, topic: str) -> bool:
         """Tell whether a topic is one of these."""
+        if not self.topic:
+            return False
         pattern = ".+".join(re.escape(part) for part in self.topic.split("*"))
         return re.fullmatch(pattern, topic) is not None
 
@@ -254,7 +257,7 @@ class TopicMap:
     def topics(self) -> tuple[str, ...]:
         """Every topic that the map names, patterns as they are."""
         names = [source.topic for _, _, source in self.sources()] + [contact.topic for contact in self.contacts]
-        return tuple(dict.fromkeys(names))
+        return tuple(dict.fromkeys(name for name in names if name))
 
     def contacts_of(self, topic: str) -> dict[str, ContactMap]:
         """Return the contact maps that a topic belongs to, by a key of their own.
