@@ -15,7 +15,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from massid.model.inverse import DiscreteInverseDynamics, Steps, applied, recorded_steps
+from massid.model.inverse import DiscreteInverseDynamics, Steps, applied, closed_directions, recorded_steps
 from massid.model.kinematics import body_rotations
 from massid.model.robot import Robot
 from massid.typing import FloatArray, IntArray
@@ -165,7 +165,7 @@ def measure_balance(robot: Robot, walk: Walk, margin: int = 0, steps: int = 1500
     model.opt.timestep = walk.timestep_s
     closed = None
     if model.neq and max(white_level(walk.qpos[:, :3]), white_level(walk.qpos[:, 7:])) > 0.0:
-        closed = _closed_directions(model, taken[0])
+        closed = closed_directions(model, taken[0])
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
     dynamics = DiscreteInverseDynamics(model, walk.contact_bodies)
     required, jacobian = dynamics.forces(*taken), dynamics.jacobian(taken[0])
@@ -193,25 +193,6 @@ def measure_balance(robot: Robot, walk: Walk, margin: int = 0, steps: int = 1500
         closed=closed,
         unread=unread,
     )
-
-
-def _closed_directions(model: mujoco.MjModel, qpos: FloatArray) -> FloatArray:
-    """Orthonormal generalised forces that equality constraints can exert, shape (n, nv, m), zeros where fewer can."""
-    model = copy.copy(model)
-    model.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
-    data = mujoco.MjData(model)
-    out = np.zeros((len(qpos), model.nv, model.nv))
-    widest = 0
-    for k, row in enumerate(qpos):
-        data.qpos[:] = row
-        mujoco.mj_fwdPosition(model, data)
-        rows = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
-        jacobian = data.efc_J.reshape(-1, model.nv)[rows]
-        _, values, directions = np.linalg.svd(jacobian, full_matrices=False)
-        rank = int((values > _LEAST_DIRECTION * values.max(initial=0.0)).sum())
-        out[k, :, :rank] = directions[:rank].T
-        widest = max(widest, rank)
-    return out[:, :, :widest]
 
 
 def _orthonormal(columns: FloatArray) -> FloatArray:

@@ -62,10 +62,9 @@ def identify_on_ground(
         MassidError: see `identify_offline`.
     """
     started, logs = time.perf_counter(), tuple(logs)
-    noisy = isinstance(logs[0].sensors, NoisySensors)
-    judgements = (MASSES_FOUND,) if noisy else WITHOUT_NOISE
+    judgements = _judgements(logs[0])
     share = 1.0 / (1 + len(judgements))
-    rough = replace(options, passes=min(options.passes, ROUGH_PASSES)) if noisy else options
+    rough = replace(options, passes=min(options.passes, ROUGH_PASSES))
     result = identify_offline(logs, robot, rough, part_of(progress, 0.0, share), stop)
     for k, judgement in enumerate(judgements, start=1):
         if result.stopped:
@@ -87,17 +86,24 @@ def as_judged(
         robot: with nominal masses.
         result: of them.
     """
-    point, columns = end_of(result), join_spaces(logs).columns
+    point, columns, judgement = end_of(result), join_spaces(logs).columns, _judgements(logs[0])[-1]
     return tuple(
-        walk if walk is None else on_ground(replace(log, walk=walk), robot, MASSES_FOUND, point[own]).walk
+        walk if walk is None else on_ground(replace(log, walk=walk), robot, judgement, point[own]).walk
         for walk, log, own in zip(walks, logs, columns, strict=True)
     )
 
 
+def _judgements(log: PreparedLog) -> tuple[Judgement, ...]:
+    """How feet are judged in each weighing after the first."""
+    return (MASSES_FOUND,) if isinstance(log.sensors, NoisySensors) else WITHOUT_NOISE
+
+
 def end_of(result: Result) -> FloatArray:
-    """Where a search ended, in the space of all logs' unknowns, shape (n,)."""
-    nuisances = () if result.uncertainty is None else (result.uncertainty.nuisance_estimate,)
-    return np.concatenate([result.estimate, *nuisances])
+    """Where a search ended, in the space of all logs' unknowns, shape (n,); nominal what noise hides."""
+    if result.uncertainty is None:
+        return result.estimate
+    asked = np.where(result.excitation.identifiable, result.estimate, result.space.nominal)
+    return np.concatenate([asked, result.uncertainty.nuisance_estimate])
 
 
 def said_of_ground(logs: Sequence[PreparedLog]) -> tuple[str, ...]:

@@ -7,13 +7,15 @@ foot. They are solved in the least squares of what is uncertain of them, acceler
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 
-from massid.model.inverse import DiscreteInverseDynamics, applied
-from massid.model.realisation import Realisation
+from massid.model.inverse import DiscreteInverseDynamics, applied, closed_directions
+from massid.model.realisation import Realisation, write_fields
 from massid.model.robot import Robot
 from massid.typing import BoolArray, FloatArray
 
@@ -84,7 +86,15 @@ class GroundDemand:
         *,
         exact: bool = False,
     ) -> None:
-        self._dynamics = DiscreteInverseDynamics.of(robot, contact_bodies, timestep_s, realisation)
+        model = robot.identification_model(contact_bodies)
+        model.opt.timestep = timestep_s
+        if realisation is not None:
+            write_fields(model, realisation)
+        self._looped = None
+        if model.neq and not exact:  # through a stiff tie noise of positions is a force of any size
+            self._looped = copy.copy(model)
+            model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+        self._dynamics = DiscreteInverseDynamics(model, contact_bodies)
         self._exact = exact
         weight = robot.total_mass_kg * (float(np.linalg.norm(robot.model.opt.gravity)) or 1.0)
         self._size = weight * np.repeat([1.0, _FOOT_M], 3)
@@ -111,6 +121,10 @@ class GroundDemand:
         factor = np.linalg.cholesky(covariance)
         sized = np.where(unknown[..., None], jacobian * self._size[:, None], 0.0)
         columns = sized.reshape(len(missing), -1, missing.shape[1])
+        n_wrenches = columns.shape[1]
+        if self._looped is not None:
+            pushed = self._size[0] * closed_directions(self._looped, given.position).transpose(0, 2, 1)
+            columns = np.concatenate([columns, pushed], axis=1)
         whitened = np.linalg.solve(factor, np.concatenate([columns, missing[:, None]], axis=1).transpose(0, 2, 1))
         left, values, right = np.linalg.svd(whitened[..., :-1], full_matrices=False)
         along = np.einsum("kvr,kv->kr", left, whitened[..., -1])
@@ -119,6 +133,7 @@ class GroundDemand:
             along, doubt = np.where(sees, along / np.where(sees, values, 1.0), 0.0), np.zeros_like(values)
         else:
             along, doubt = along * values / (1.0 + values**2), 1.0 / (1.0 + values**2)
+        right = right[..., :n_wrenches]  # what closed loops exert is nobody's concern
         found = np.einsum("krw,kr->kw", right, along).reshape(known.shape) * self._size
         spread = np.tile(self._size, known.shape[1])[:, None] * right.transpose(0, 2, 1) * np.sqrt(doubt)[:, None]
         return Asked(

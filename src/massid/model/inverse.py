@@ -19,6 +19,8 @@ from massid.model.robot import Robot
 from massid.typing import FloatArray, IntArray
 from massid.walk import Walk
 
+_LEAST_DIRECTION = 1e-9
+
 Steps: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 """Positions and velocities at which steps begin, and the mean accelerations over them, in the model's order; shapes
 (n, nq), (n, nv) and (n, nv)."""
@@ -163,3 +165,22 @@ def applied(jacobian: FloatArray, wrench: FloatArray) -> FloatArray:
         wrench: in the bodies' frames, shape (n, n_c, 6).
     """
     return np.asarray(np.einsum("kciv,kci->kv", jacobian, wrench))
+
+
+def closed_directions(model: mujoco.MjModel, qpos: FloatArray) -> FloatArray:
+    """Orthonormal generalised forces that equality constraints can exert, shape (n, nv, m), zeros where fewer can."""
+    model = copy.copy(model)
+    model.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
+    data = mujoco.MjData(model)
+    out = np.zeros((len(qpos), model.nv, model.nv))
+    widest = 0
+    for k, row in enumerate(qpos):
+        data.qpos[:] = row
+        mujoco.mj_fwdPosition(model, data)
+        rows = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+        jacobian = data.efc_J.reshape(-1, model.nv)[rows]
+        _, values, directions = np.linalg.svd(jacobian, full_matrices=False)
+        rank = int((values > _LEAST_DIRECTION * values.max(initial=0.0)).sum())
+        out[k, :, :rank] = directions[:rank].T
+        widest = max(widest, rank)
+    return out[:, :, :widest]

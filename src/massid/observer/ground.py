@@ -7,6 +7,7 @@ masses. Runs of load are therefore widened at both ends.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,12 +83,15 @@ def with_ground(
         if len(segment) < 2:
             continue
         given = _supplied(read, robot, segment, measured, noise)
-        everywhere = np.broadcast_to(open_, (len(segment), *open_.shape))
-        asked = _solve(demand, given, everywhere)
-        loaded = _loaded(walk, robot, segment, asked, noise, judgement)
-        rows = slice(segment.start, segment.stop)
-        found = _solve(demand, given, everywhere & loaded[..., None]).wrench
-        wrench[rows] = np.where(open_, found, wrench[rows])
+        carries = np.zeros((len(segment), len(open_)), dtype=np.bool_)
+        for rows, part in _pieces(given):
+            asked = demand.wrenches(part, np.broadcast_to(open_, part.wrench.shape))
+            carries[rows] = _carries(walk, robot, part, asked, judgement)
+        loaded = _loaded(walk, segment, carries, noise, judgement)
+        for rows, part in _pieces(given):
+            found = demand.wrenches(part, open_ & loaded[rows, :, None]).wrench
+            at = slice(segment.start + rows.start, segment.start + rows.start + len(found))
+            wrench[at] = np.where(open_, found, wrench[at])
     return replace(walk, wrench=wrench)
 
 
@@ -140,31 +144,29 @@ def _supplied(walk: Walk, robot: Robot, segment: Segment, measured: FloatArray, 
     )
 
 
-def _solve(demand: GroundDemand, given: Supplied, unknown: BoolArray) -> Asked:
-    parts = []
-    for start in range(0, len(unknown), _PIECE):
+def _pieces(given: Supplied) -> Iterator[tuple[slice, Supplied]]:
+    for start in range(0, len(given.position), _PIECE):
         rows = slice(start, start + _PIECE)
-        part = Supplied(**{name: values[rows] for name, values in vars(given).items()})
-        parts.append(demand.wrenches(part, unknown[rows]))
-    return Asked(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("wrench", "spread")))
+        yield rows, Supplied(**{name: values[rows] for name, values in vars(given).items()})
 
 
-def _loaded(
-    walk: Walk, robot: Robot, segment: Segment, asked: Asked, noise: SensorNoise | None, judgement: Judgement
-) -> BoolArray:
-    """Which feet may carry, shape (n, n_c): by what their sensors read; where they have none, by what is asked.
-
-    So may one of which the motion does not tell.
-    """
-    rows, gravity = slice(segment.start, segment.stop), robot.model.opt.gravity
+def _carries(walk: Walk, robot: Robot, given: Supplied, asked: Asked, judgement: Judgement) -> BoolArray:
+    """Which feet are asked for more than counts as load, or may be for all that the motion tells, shape (n, n_c)."""
+    gravity = robot.model.opt.gravity
     size = float(np.linalg.norm(gravity)) or 1.0
-    rotation = body_rotations(robot.model, robot.layout.to_qpos(walk.qpos[rows]), walk.contact_bodies)
+    rotation = body_rotations(robot.model, given.position, walk.contact_bodies)
     up = np.einsum("kcij,i->kcj", rotation, -gravity / size)
     lift = np.einsum("kcj,kcj->kc", up, asked.wrench[:, :, :3])
     doubt = np.linalg.norm(np.einsum("kcj,kcjm->kcm", up, asked.spread[:, :, :3]), axis=2)
-    carries = np.maximum(lift, _SURE * doubt) > judgement.least_share * robot.total_mass_kg * size
+    return np.asarray(np.maximum(lift, _SURE * doubt) > judgement.least_share * robot.total_mass_kg * size)
+
+
+def _loaded(
+    walk: Walk, segment: Segment, carries: BoolArray, noise: SensorNoise | None, judgement: Judgement
+) -> BoolArray:
+    """Which feet may be loaded, shape (n, n_c): by what their sensors read; where they have none, by what is asked."""
     margin = max(1, round(judgement.margin_s / walk.timestep_s))
-    carries = maximum_filter1d(carries.astype(np.uint8), 2 * margin + 1, axis=0, mode="nearest") > 0
-    readings = np.where(walk.measured, walk.wrench[rows], 0.0).reshape(len(carries), -1)
+    widened = maximum_filter1d(carries.astype(np.uint8), 2 * margin + 1, axis=0, mode="nearest") > 0
+    readings = np.where(walk.measured, walk.wrench[segment.start : segment.stop], 0.0).reshape(len(carries), -1)
     unloaded = is_unloaded(readings, noise or SensorNoise(), walk.timestep_s, open_axes=walk.open_axes)
-    return np.where(walk.measured.any(axis=1), ~unloaded, carries)
+    return np.where(walk.measured.any(axis=1), ~unloaded, widened)
