@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from massid.model.realisation import Realisation, SensorErrors
+from massid.model.robot import Robot
 from massid.observer.contact_gate import is_unloaded
-from massid.observer.ground import AT_FIRST, MASSES_FOUND, WITHOUT_NOISE, with_ground
+from massid.observer.ground import AT_FIRST, MASSES_FOUND, WITHOUT_NOISE, _feet, with_ground
 from massid.plant import without_wrenches
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, Sensors
@@ -97,3 +98,19 @@ def test_axes_without_a_sensor_have_no_say_where_others_have_one() -> None:
     wrench[:, 0] = 1e6
     assert is_unloaded(wrench, WHITE, 1e-3, open_axes=(0, 1)).all()
     assert not is_unloaded(wrench, WHITE, 1e-3, open_axes=(1, 2)).any()
+
+
+def test_toe_and_heel_are_parts_of_one_foot(pushed: Pushed) -> None:
+    """Which of them carries, the motion hardly tells; that none does, it tells well."""
+    spec = pushed.robot.spec.copy()
+    for side in "lr":
+        for part, x in (("toe", 0.15), ("heel", -0.1)):
+            body = spec.body(f"{side}_foot").add_body(name=f"{side}_{part}", pos=[x, 0.0, -0.05])
+            body.add_geom(size=[0.02, 0.0, 0.0], mass=0.01)
+            body.add_joint(name=f"{side}_{part}", axis=[0.0, 1.0, 0.0], stiffness=50.0)
+    model = Robot(spec).model
+    feet = _feet(model, ("l_foot", "r_foot", "l_toe", "l_heel", "r_heel"))
+    left = np.array([1.0, 0.0, 1.0, 1.0, 0.0])
+    np.testing.assert_array_equal(feet, np.outer(left, left) + np.outer(1.0 - left, 1.0 - left))
+    np.testing.assert_array_equal(_feet(model, ("l_toe", "l_heel", "r_toe")), [[1, 1, 0], [1, 1, 0], [0, 0, 1]])
+    np.testing.assert_array_equal(_feet(model, ("torso", "l_foot")), np.eye(2))

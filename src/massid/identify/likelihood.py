@@ -61,7 +61,7 @@ class LikelihoodInference:
     """
 
     def __init__(self, sensors: NoisySensors) -> None:
-        self._noise = sensors.noise
+        self._noise, self._scales = sensors.noise, sensors.scales
 
     def unknowns(self, asked: ParameterSpace, robot: Robot, walk: Walk, options: IdentifyOptions) -> ParameterSpace:
         """The parameters asked for, followed by nuisances."""
@@ -72,8 +72,9 @@ class LikelihoodInference:
         return replace(options, candidates=0)
 
     def prior(self, space: ParameterSpace) -> LocalQuadratic:
-        """Of the nuisances."""
-        return LocalQuadratic.belief(space.nominal, space.prior_precision)
+        """Of the nuisances, and of the whole robot's mass if it was weighed."""
+        belief = LocalQuadratic.belief(space.nominal, space.prior_precision)
+        return belief if self._scales is None else belief + self._scales.belief(space)
 
     def pass_rule(self, space: ParameterSpace, *, near: bool = False) -> LikelihoodPasses:
         """A few windows first, unless the search starts near its end; then all, until nothing is gained."""

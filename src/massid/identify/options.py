@@ -37,6 +37,8 @@ class IdentifyOptions:
             (noisy logs only).
         lag_s: standard deviation of the times by which torques and wrenches are stamped late (noisy logs only) [s]. The
             default is half a cycle of a 1 kHz bus, what a reading waits for on average.
+        total_mass_kg: what the whole robot weighed on scales (noisy logs only); None if nobody weighed it [kg].
+        total_mass_std_kg: standard deviation of that [kg].
         threads: worker threads of the bank; 0 for one per processor.
         seed: seeds the sampling; the same seed gives the same result at any number of threads.
         search: how directions and steps are computed.
@@ -52,6 +54,8 @@ class IdentifyOptions:
     other_links: float = 0.02
     link_inertia: float = 0.1
     lag_s: float = 5e-4
+    total_mass_kg: float | None = None
+    total_mass_std_kg: float = 0.2
     threads: int = 0
     seed: int = 0
     search: SearchOptions = field(default_factory=SearchOptions)
@@ -85,6 +89,8 @@ class IdentifyOptions:
                 "dwell_s": self.dwell_s,
                 "bandwidth_rad_s": self.bandwidth_rad_s,
                 "passes": self.passes,
+                "total_mass_kg": 1.0 if self.total_mass_kg is None else self.total_mass_kg,
+                "total_mass_std_kg": self.total_mass_std_kg,
             }
         )
         require_not_negative(
@@ -101,7 +107,7 @@ class IdentifyOptions:
 
 
 _FOR_CLEAN = ("bandwidth_rad_s", "damping_ratio", "forgetting_rate")
-_FOR_NOISY = ("other_links", "link_inertia", "lag_s")
+_FOR_NOISY = ("other_links", "link_inertia", "lag_s", "total_mass_kg", "total_mass_std_kg")
 
 
 def idle_options(options: IdentifyOptions, noisy: bool) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from massid.model.unknowns.sensors import (
 )
 from massid.model.unknowns.unknown import Unknown, nuisance, unknowns_of
 from massid.observer.contact_gate import offsets_in_air
+from massid.observer.scales import Scales
 from massid.observer.sensors import ExactSensors, NoisySensors, SensorModel
 from massid.search.parameters import ParameterSpace
 from massid.walk import Walk
@@ -59,7 +60,10 @@ def choose_sensors(walk: Walk, robot: Robot, options: IdentifyOptions, *, explai
         noise = None if options.noise == "clean" else PRESETS[options.noise]
     if noise is None:
         return ExactSensors(options.bandwidth_rad_s, options.damping_ratio, options.forgetting_rate, walk.open_axes)
-    return NoisySensors(noise, open_axes=walk.open_axes)
+    scales = None
+    if options.total_mass_kg is not None:
+        scales = Scales(options.total_mass_kg - robot.total_mass_kg, options.total_mass_std_kg)
+    return NoisySensors(noise, open_axes=walk.open_axes, scales=scales)
 
 
 def read_noise(walk: Walk, robot: Robot) -> SensorNoise | None:

@@ -93,7 +93,9 @@ def foresee(
         part = partial(_report, progress, k, len(logs))
         information[np.ix_(columns, columns)] += _information(log, robot, width_s, part)
     progress(1.0, "done")
-    posterior = _Posterior(joint.space, information)
+    sensors = logs[0].sensors
+    scales = sensors.scales if isinstance(sensors, NoisySensors) else None
+    posterior = _Posterior(joint.space, information, None if scales is None else scales.information(joint.space))
     everything = posterior.covariance()
     others = _hidden_others(asked, everything)
     masses = np.array([k for k, one in enumerate(asked.parameters) if isinstance(one, Mass)], dtype=np.int64)
@@ -204,13 +206,15 @@ class _Posterior:
 
     space: ParameterSpace
     information: FloatArray
+    weighed: FloatArray | None = None
 
     def covariance(self, factor: float = 1.0) -> FloatArray:
         """Covariance of all unknowns if the log were longer by a factor, shape (n_p, n_p)."""
         scale = self.space.scale
         prior = self.space.prior_precision * scale**2
         prior = np.where(prior > 0.0, prior, VAGUE**-2)
-        information = factor * self.information * np.outer(scale, scale) + np.diag(prior)
+        told = factor * self.information + (0.0 if self.weighed is None else self.weighed)
+        information = told * np.outer(scale, scale) + np.diag(prior)
         return np.asarray(np.linalg.inv(information) * np.outer(scale, scale))
 
     def total_std_kg(self, covariance: FloatArray) -> float:

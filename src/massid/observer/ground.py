@@ -7,9 +7,10 @@ masses. Runs of load are therefore widened at both ends.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import mujoco
 import numpy as np
 from scipy.ndimage import maximum_filter1d
 
@@ -156,9 +157,35 @@ def _carries(walk: Walk, robot: Robot, given: Supplied, asked: Asked, judgement:
     size = float(np.linalg.norm(gravity)) or 1.0
     rotation = body_rotations(robot.model, given.position, walk.contact_bodies)
     up = np.einsum("kcij,i->kcj", rotation, -gravity / size)
-    lift = np.einsum("kcj,kcj->kc", up, asked.wrench[:, :, :3])
-    doubt = np.linalg.norm(np.einsum("kcj,kcjm->kcm", up, asked.spread[:, :, :3]), axis=2)
+    of_foot = _feet(robot.model, walk.contact_bodies)
+    lift = np.einsum("kcj,kcj->kc", up, asked.wrench[:, :, :3]) @ of_foot
+    doubt = np.linalg.norm(np.einsum("kcj,kcjm,cd->kdm", up, asked.spread[:, :, :3], of_foot), axis=2)
     return np.asarray(np.maximum(lift, _SURE * doubt) > judgement.least_share * robot.total_mass_kg * size)
+
+
+def _feet(model: mujoco.MjModel, bodies: Sequence[str]) -> FloatArray:
+    """Which contact bodies are parts of one foot, 1 or 0, shape (n_c, n_c): those a joint away from what bears both.
+
+    What toe, sole and heel carry together the motion tells; what each of them does it hardly tells.
+    """
+    ids = [model.body(name).id for name in bodies]
+    above = [_joints_to_ancestors(model, body) for body in ids]
+    same = np.eye(len(ids))
+    for i, one in enumerate(above):
+        for j, other in enumerate(above):
+            nearest = [max(joints, other[body]) for body, joints in one.items() if body in other]
+            same[i, j] = float(min(nearest) <= 1)
+    return same
+
+
+def _joints_to_ancestors(model: mujoco.MjModel, body: int) -> dict[int, int]:
+    """Joints between a body and each of those that bear it, itself included, up to the world's."""
+    found, joints = {}, 0
+    while body:
+        found[body] = joints
+        joints += int(model.body_jntnum[body])
+        body = int(model.body_parentid[body])
+    return found | {0: 2 + joints}
 
 
 def _loaded(

@@ -20,6 +20,7 @@ from massid.observer.injection import InertiaShapedInjection
 from massid.observer.inputs import InputBelief
 from massid.observer.kalman import KalmanInjection
 from massid.observer.linearisation import Lineariser
+from massid.observer.scales import Scales
 from massid.observer.spans import REACH_S
 from massid.observer.tangents import TangentFilter
 from massid.observer.unread import UnreadInjection
@@ -84,6 +85,7 @@ class NoisySensors:
         steps: that the models take from one sample to the next; None for what the model file asks for.
         forgetting_rate: likelihoods are not forgotten.
         open_axes: columns of the wrenches, six for each contact body, that no sensor measures.
+        scales: what the whole robot weighed; None if nobody put it on scales.
     """
 
     noise: SensorNoise
@@ -91,6 +93,7 @@ class NoisySensors:
     steps: int | None = None
     forgetting_rate: float = 0.0
     open_axes: tuple[int, ...] = ()
+    scales: Scales | None = None
 
     def suited_to(self, walk: Walk) -> NoisySensors:
         """The same with the reach that the motion of a log bears."""

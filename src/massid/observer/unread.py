@@ -18,6 +18,7 @@ import numpy as np
 from massid.model.inverse import DiscreteInverseDynamics, damping_is_implicit
 from massid.model.realisation import Realisation, write_fields
 from massid.observer.injection import InertiaShapedInjection, InjectionGains
+from massid.observer.kalman import LEAST_DIRECTION
 from massid.observer.replay import ReplayBlock
 from massid.typing import FloatArray, IntArray
 
@@ -64,7 +65,7 @@ class UnreadInjection:
         assert force is not None  # that is what shaped injection does
         effects, unknown = self._effects(block)
         weighted = weight[:, None] * effects
-        found = np.linalg.pinv(weighted) * weight  # from an error to what wrenches did it
+        found = np.linalg.pinv(weighted, rcond=LEAST_DIRECTION) * weight  # from an error to what wrenches did it
         explained = effects @ found
         state = np.concatenate([self._before[None], explained[:-1]])
         self._before = explained[-1]
