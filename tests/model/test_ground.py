@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -88,3 +90,22 @@ def test_what_a_closed_loop_exerts_is_no_wrench_of_the_ground() -> None:
     )
     np.testing.assert_allclose(pushing, idle, atol=0.1)
     assert np.abs(bent - idle).max() > 10.0
+
+
+def test_more_wrenches_than_the_motion_can_tell_are_in_doubt(pushed: Pushed) -> None:
+    """Four bodies, 24 components, 14 equations; of two feet, the sum is known well."""
+    given = _given(pushed)
+    bodies = (*FEET, "l_calf", "r_calf")
+    std = np.full(pushed.robot.model.nv, 0.5)
+    weight = pushed.robot.total_mass_kg * 9.81
+
+    def doubts(bodies: tuple[str, ...]) -> tuple[float, float]:
+        wrench, unknown = np.zeros((len(ROWS), len(bodies), 6)), np.ones((len(ROWS), len(bodies), 6), dtype=np.bool_)
+        demand = GroundDemand(pushed.robot, bodies, pushed.walk.timestep_s, std, 0.4)
+        spread = demand.wrenches(replace(given, wrench=wrench), unknown).spread[0, :, 2]
+        return float(np.linalg.norm(spread, axis=1).max()), float(np.linalg.norm(spread.sum(axis=0)))
+
+    single, together = doubts(bodies)
+    assert single > 0.3 * weight
+    assert together < 0.1 * weight
+    assert max(doubts(FEET)) < 0.1 * weight

@@ -126,6 +126,8 @@ class GroundDemand:
             pushed = self._size[0] * closed_directions(self._looped, given.position).transpose(0, 2, 1)
             columns = np.concatenate([columns, pushed], axis=1)
         whitened = np.linalg.solve(factor, np.concatenate([columns, missing[:, None]], axis=1).transpose(0, 2, 1))
+        # With more unknowns than equations there are as many directions all the same, of which some show in nothing.
+        whitened = np.pad(whitened, ((0, 0), (0, max(0, columns.shape[1] - whitened.shape[1])), (0, 0)))
         left, values, right = np.linalg.svd(whitened[..., :-1], full_matrices=False)
         along = np.einsum("kvr,kv->kr", left, whitened[..., -1])
         if self._exact:
