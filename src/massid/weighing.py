@@ -252,8 +252,15 @@ class Weighing:
 
     @property
     def denied(self) -> bool:
-        """Whether the logs contradict how they were read, or each other: no search finds the masses then."""
-        return any(one.audit.misread for one in self.prepared) or bool(self.differing)
+        """Whether the logs contradict how they were read, or each other: no search finds the masses then.
+
+        Forces that another convention explains may be explained by what is asked for besides masses, such as a scale of
+        all torques: then the fit tells.
+        """
+        asks_for_more = any(not isinstance(one, Mass) for one in self.asked.parameters)
+        audits = [one.audit for one in self.prepared]
+        misread = any(one.misread and not (one.forces_misread and asks_for_more) for one in audits)
+        return misread or bool(self.differing)
 
     def asking_for(self, links: Sequence[str]) -> Weighing:
         """The same logs, from which other links are to be weighed.

@@ -41,6 +41,7 @@ class Audit:
         warnings: what is suspect, one line each, the log's name first.
         doubts: those of them with which masses mean nothing until they are settled.
         misread: whether another convention explains the log, so that it was surely read wrongly.
+        forces_misread: whether that is one of torques or wrenches, which an unknown may stand for as well.
     """
 
     walk: Walk
@@ -53,6 +54,7 @@ class Audit:
     warnings: tuple[str, ...]
     doubts: tuple[str, ...] = ()
     misread: bool = False
+    forces_misread: bool = False
 
     @property
     def clean(self) -> bool:
@@ -73,7 +75,7 @@ def audit_walk(robot: Robot, walk: Walk, *, thorough: bool = False) -> Audit:
     """
     walk = robot.align(walk)
     kinematics, limits = check_kinematics(walk), limit_suspicions(robot, walk)
-    misread = kinematics.misread or in_degrees(robot, walk)
+    misread, forces_misread = kinematics.misread or in_degrees(robot, walk), False
     doubts = [*kinematics.suspicions, *(limits if misread or turned_joints(robot, walk) else ())]
     lines = [*kinematics.suspicions, *limits]
     # Links that are where they are not touch each other: that would blame the geometry, and cut the log to pieces.
@@ -94,13 +96,15 @@ def audit_walk(robot: Robot, walk: Walk, *, thorough: bool = False) -> Audit:
         forces = _of_forces(robot, walk, weight, rest, state_is_sound=not (kinematics.suspicions or limits))
         lines += forces.lines
         doubts += forces.doubts
-        misread = forces.misread
+        misread = forces_misread = forces.misread
     if balance is not None and rest is not None and not misread:
         friction = missing_friction(robot, walk, balance)
         lines += [friction] if friction else []
     lines += self_contact_warnings(contact)
     warnings = tuple(f"{walk.source}: {line}" for line in lines)
-    return Audit(walk, kinematics, weight, contact, lag, rest, one_step, warnings, tuple(doubts), misread)
+    return Audit(
+        walk, kinematics, weight, contact, lag, rest, one_step, warnings, tuple(doubts), misread, forces_misread
+    )
 
 
 @dataclass(frozen=True)

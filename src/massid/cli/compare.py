@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Compare:
-    """Compare results of the same robot on other days, of its sisters, or of other methods: which links differ?
+    """Compare results: of other days, of a robot's sisters, of other methods; which links differ?
 
     Links that both results know are compared within their intervals, all of them together at 95 %. A log without noise
     has no intervals; its masses count as known to 0.1 %. If a link differs, the exit code is 5.
