@@ -8,6 +8,8 @@ span, in place of single poses, and a long walk make it sharp.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from massid.audit.base_motion import BaseMotion
@@ -27,21 +29,29 @@ _NEAR, _NEARER = 0.15, 3.0
 """How far off 1 it may be, where the other frame is; or how many deviations."""
 
 
-def frame_share(given: BaseMotion, other: BaseMotion, what: str) -> float | None:
+def rests(base: BaseMotion, what: str) -> tuple[FloatArray, ...]:
+    """What velocities leave of the base's path over spans of several lengths, for `frame_share`; (n, 3) each.
+
+    Args:
+        base: how it moved.
+        what: "position" or "attitude", which belongs to the linear or to the angular velocity.
+    """
+    return tuple(_rest(base, span_s, what) for span_s in _SPANS_S)
+
+
+def frame_share(given: Sequence[FloatArray], other: Sequence[FloatArray]) -> float | None:
     """Share of what tells two readings of a twist apart that the rest of the base's path shows.
 
     Args:
-        given: as read.
-        other: the same with the twist in the other frame.
-        what: "position" or "attitude", which belongs to the linear or to the angular velocity.
+        given: the `rests` of the motion as read.
+        other: those of the same with the twist in the other frame.
 
     Returns:
         None unless it is surely not 0 and may be 1.
     """
     along: list[FloatArray] = []
     power: list[FloatArray] = []
-    for span_s in _SPANS_S:
-        rest, rest_of_other = _rest(given, span_s, what), _rest(other, span_s, what)
+    for rest, rest_of_other in zip(given, other, strict=True):
         if len(rest) < _FEWEST:
             continue
         difference = rest - rest_of_other

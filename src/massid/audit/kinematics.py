@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from massid.audit.base_motion import BaseMotion
-from massid.audit.frames import frame_share
+from massid.audit.frames import frame_share, rests
 from massid.typing import FloatArray, IntArray
 from massid.walk import Walk
 from massid.walk.conventions import to_body, to_world
@@ -172,8 +172,10 @@ def _suspect_base(walk: Walk, base: BaseMotion, what: str, text: str, trials: di
             best = min(better, key=lambda reason: float(better[reason].squares.mean()))
             said = f"{text} {given.share:.1%} of the motion: {best} (then {better[best].share:.1%})."
             return _Suspicion(said, explained=True)
-    for reason in trials:
-        if reason in _FRAMES and (share := frame_share(base, others[reason], what)) is not None:
+    frames = [reason for reason in trials if reason in _FRAMES]
+    rest = rests(base, what) if frames else ()
+    for reason in frames:
+        if (share := frame_share(rest, rests(others[reason], what))) is not None:
             return _Suspicion(
                 f"{text} little, but all along the walk: {reason}, which explains {share:.0%} of it.", explained=True
             )
