@@ -11,7 +11,7 @@ import pytest
 
 from massid.model.motion import Motion
 from massid.model.unknowns.bodies import Mass
-from massid.model.unknowns.lags import EffortLag
+from massid.model.unknowns.lags import EffortLag, WrenchLag
 from massid.model.unknowns.sensors import EffortGain, EffortOffset, EncoderOffset, WrenchGain, WrenchOffset
 from massid.model.unknowns.spaces import mass_space
 from massid.model.unknowns.unknown import Unknown, nuisance
@@ -74,6 +74,23 @@ def test_inputs_that_are_stamped_late_are_read_later(lag_s: float, walk: Walk) -
     np.testing.assert_allclose(effort[own].T, np.tile(100.0 * (ramp[100:300][own] + lag_s), (8, 1)), atol=1e-12)
     rates = np.concatenate([block.motion.effort_rate[:, ROBOT.layout.joint_dof] for block in blocks])
     np.testing.assert_allclose(rates[REACH + 2 : -REACH - 2], 100.0, rtol=1e-9)
+
+
+def test_what_a_lag_does_to_the_models_is_what_their_readings_rates_say(walk: Walk) -> None:
+    """The slope of the score is made of these rates: with those of impacts, lags would look known that are not."""
+    lags = (EffortLag(**nuisance(1e-3)), WrenchLag(**nuisance(1e-3)))
+    space = ParameterSpace((*mass_space(ROBOT, LINKS).parameters, *lags))
+    blocks = []
+    for lag_s in (0.0, 1e-5):
+        belief = _belief()
+        belief.place(ROBOT.realise(space, np.array([*space.nominal[:-2], lag_s, lag_s]), FEET))
+        blocks.append(_believe(walk, [200, 260, 400], belief)[1])
+    now, later = blocks
+    both = now.motion.loaded * later.motion.loaded
+    np.testing.assert_allclose((later.effort - now.effort) / 1e-5, now.readings.effort_rate, rtol=1e-6, atol=1e-4)
+    np.testing.assert_allclose(
+        both * (later.wrench - now.wrench) / 1e-5, both * now.readings.wrench_rate, rtol=1e-6, atol=1e-3
+    )
 
 
 def _columns(block: BelievedBlock) -> dict[str, FloatArray]:

@@ -138,6 +138,8 @@ class InputBelief:
         unloaded = is_unloaded(wrench, self._noise, self._timestep_s, self._offsets, self.open_axes)
         loaded = np.repeat(~unloaded, 6, axis=1).astype(np.float64)
         qpos, qvel, effort, wrench = self._corrected(qpos, qvel, effort, wrench)
+        # What a lag does to the models is what `_read_later` does.
+        rates = [slope(rows, own, self._spans) / self._timestep_s for rows in (effort, wrench)]
         wrench = wrench * loaded
         rubbing = Friction.none(n, len(self._joint_dof))
         if self._stick_slip is not None:
@@ -169,7 +171,13 @@ class InputBelief:
             friction_variance=rubbing.variance,
             unknown=self._open & (loaded[own] > 0.0),
             motion=motion,
-            readings=replace(motion, effort=effort[own], wrench=wrench[own]),
+            readings=replace(
+                motion,
+                effort=effort[own],
+                wrench=wrench[own],
+                effort_rate=rates[0],
+                wrench_rate=rates[1] * loaded[own],
+            ),
         )
 
     def _read_later(self, rows: FloatArray, lag_s: float) -> FloatArray:

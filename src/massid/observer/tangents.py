@@ -85,12 +85,11 @@ class TangentFilter:
 
     @property
     def depend_on_inputs(self) -> IntArray:
-        """Those of the columns that torques and wrenches change, or what these accelerate, shape (m,)."""
+        """Those of the columns that torques, wrenches and their rates change, or what these accelerate, shape (m,)."""
         rest = Motion.at_rest(self._channels)
         loaded = replace(rest, loaded=rest.loaded + 1.0)
-        acting = replace(
-            loaded, acceleration=rest.acceleration + 1.0, effort=rest.effort + 1.0, wrench=rest.wrench + 1.0
-        )
+        reading = ("acceleration", "effort", "wrench", "effort_rate", "wrench_rate")
+        acting = replace(loaded, **{name: getattr(rest, name) + 1.0 for name in reading})
         found = []
         for column, unknown in zip(self._columns, self._unknowns, strict=True):
             before, after = unknown.effect(loaded, self._channels), unknown.effect(acting, self._channels)
