@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from massid.assets import sample_walk
 from massid.cli import main
-from massid.log import read_walk
+from massid.log import read_walk, write_walk
 
 
 def test_a_clean_log_gets_noise_and_its_truth_comes_along(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -53,3 +55,20 @@ def test_a_robot_without_force_sensors_logs_no_wrench_and_names_its_feet(
     said = capsys.readouterr().out
     assert "no sensor reads what l_foot, r_foot carry" in said
     assert "ground carries" not in said
+
+
+def test_sensors_that_are_dropped_from_a_noisy_log_leave_the_others_as_they_were(tmp_path: Path) -> None:
+    noisy, blind = tmp_path / "noisy.mcap", tmp_path / "blind.mcap"
+    assert main(["corrupt", str(sample_walk()), str(noisy), "--seed", "4"]) == 0
+    assert main(["corrupt", str(noisy), str(blind), "--drop", "wrench"]) == 0
+    np.testing.assert_allclose(read_walk(blind).qvel, read_walk(noisy).qvel, rtol=0, atol=1e-12)
+    truths = [json.loads(path.with_suffix(".truth.json").read_text()) for path in (noisy, blind)]
+    assert truths[0] == truths[1]
+
+
+def test_noise_on_top_of_noise_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    walk = read_walk(sample_walk())
+    shaken = replace(walk, qvel=walk.qvel + 0.02 * np.random.default_rng(0).normal(size=walk.qvel.shape))
+    write_walk(shaken, tmp_path / "real.mcap")
+    assert main(["corrupt", str(tmp_path / "real.mcap"), str(tmp_path / "out.mcap")]) == 0
+    assert "--noise realistic comes on top of it" in capsys.readouterr().err

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import tyro
 
@@ -24,14 +24,16 @@ class Corrupt:
       massid corrupt walk.mcap noisy.mcap
       massid corrupt walk.mcap noisy.mcap --noise white --seed 7
       massid corrupt walk.mcap blind.mcap --noise realistic --drop wrench
+      massid corrupt real.mcap blind.mcap --drop wrench
     """
 
     source: tyro.conf.Positional[Path]
     """Log without noise."""
     out: tyro.conf.Positional[Path]
     """Log to write, NAME.mcap."""
-    noise: NoisePreset = "realistic"
-    """white: white noise on every channel; realistic: with offsets and gains; harsh: twice that."""
+    noise: Annotated[NoisePreset | None, tyro.conf.arg(metavar="PRESET", help_behavior_hint="")] = None
+    """white: white noise on every channel; realistic: with offsets and gains; harsh: twice that; clean: none. Default
+    realistic, with --drop clean."""
     seed: int = 0
     """Seeds offsets, gains and white noise."""
     drop: tuple[Literal["wrench"], ...] = ()
@@ -43,9 +45,10 @@ class Corrupt:
         from massid.plant import corrupt_log
 
         check_suffix("the log", self.out, ".mcap", pipes=False)
-        if self.noise == "clean" and not self.drop:
+        noise: NoisePreset = self.noise or ("clean" if self.drop else "realistic")
+        if noise == "clean" and not self.drop:
             raise BadInputError("--noise clean changes nothing: choose white, realistic or harsh, or --drop a sensor.")
-        written = corrupt_log(self.source, self.out, self.noise, self.seed, wrenches="wrench" not in self.drop)
+        written = corrupt_log(self.source, self.out, noise, self.seed, wrenches="wrench" not in self.drop)
         for warning in written.walk.warnings:
             warn(warning)
         say(f"log: {written.path} ({written.walk.duration_s:.1f} s, {len(written.walk)} samples)")

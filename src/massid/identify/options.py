@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal, TypeAlias, get_args
 
 from massid.errors import BadInputError
-from massid.ranges import OptionError, require_not_negative, require_positive
+from massid.ranges import OptionError, require_at_most, require_not_negative, require_positive
 from massid.search.directions import direction_name
 from massid.search.guided import SearchOptions, enough_models
 from massid.walk.noise import NoisePreset
@@ -16,6 +16,10 @@ NoiseChoice: TypeAlias = Literal["auto", "clean", "white", "realistic", "harsh"]
 """What is known of a log's sensors."""
 USUAL_BANK = 24
 """Models of a bank, unless there are many unknowns."""
+
+
+LARGEST_BANK, MOST_THREADS = 2000, 1024
+"""More models than that take gigabytes, and more threads than any machine has are a slip of the hand."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,8 @@ class IdentifyOptions:
                 "total_mass_std_kg": self.total_mass_std_kg,
             }
         )
+        require_at_most(LARGEST_BANK, {"bank_size": self.bank_size or USUAL_BANK})
+        require_at_most(MOST_THREADS, {"threads": self.threads})
         require_not_negative(
             {
                 "damping_ratio": self.damping_ratio,

@@ -22,6 +22,7 @@ from massid.log.mcap.schemas import ODOMETRY, WRENCH_STAMPED
 from massid.log.roles import Base, Contact, read_base, read_contact
 from massid.log.silence import fill_silence
 from massid.log.tables import TABLES, Table, read_table
+from massid.log.topics.file import FROM_A_PRESET
 from massid.log.topics.kinds import POSES, adapted
 from massid.log.topics.map import BASE_STATE, JOINT_STATE, WRENCH, Clock, ContactMap, Frame, Source, TextField, TopicMap
 from massid.log.transforms import STATIC, TRANSFORMS, Chain, FrameTree
@@ -129,7 +130,7 @@ class _Reader:
         base_map, joint_map = self.topics.base, self.topics.joints
         if base_map is None or joint_map is None:
             role = BASE_STATE if base_map is None else JOINT_STATE
-            raise LogError(f"{self.source}: no {role}: the topic map has none.{self.advice(role)}")
+            raise LogError(f"{self.source}: no {role}: the topic map has none.{self.advice(role)} {FROM_A_PRESET}")
         for role, quantity, source in self.topics.sources():
             self.check_supply(role, quantity, source, contents)
         wrenches = self.contact_topics(contents)

@@ -17,6 +17,7 @@ from massid.outputs import check_outputs
 from massid.plant.truth import as_json, truth_path
 from massid.walk import Walk
 from massid.walk.noise import PRESETS, NoisePreset, Sensors
+from massid.walk.white_noise import looks_noisy
 
 SIMULATED_NOISE = "simulated"
 """What a log says of its sensor noise: which noise it was, only the truth file knows."""
@@ -91,16 +92,21 @@ def corrupt_log(
         ],
     )
     walk = read_walk(source)
-    if walk.metadata.get("sensor_noise") == SIMULATED_NOISE:
+    if noise != "clean" and walk.metadata.get("sensor_noise") == SIMULATED_NOISE:
         raise BadInputError(f"{source} has simulated sensor noise already; name the clean log that it was made from.")
     sensors = sensors_of(walk, noise, seed)
     truth = _load(truth_path(source))
     measured = sensors.measure(walk)
     if not wrenches:
         measured = without_wrenches(measured)
+    if noise != "clean" and looks_noisy(walk):
+        doubled = f"{source}: velocities shake as if sensors had noise already; `noise={noise}` comes on top of it."
+        measured = replace(measured, warnings=(*measured.warnings, doubled))
     drawn = {"preset": noise, "seed": seed, "std": asdict(sensors.noise), "drawn": sensors.drawn()}
     said = {} if noise == "clean" else {"sensor_noise": SIMULATED_NOISE}
-    write_walk(measured, path, said, {truth_path(path): as_json(truth | {"sensors": drawn})})
+    if noise != "clean" or "sensors" not in truth:
+        truth = truth | {"sensors": drawn}
+    write_walk(measured, path, said, {truth_path(path): as_json(truth)})
     return Corruption(path, truth_path(path), measured)
 
 

@@ -48,6 +48,12 @@ _STREAMS = ("joints", "effort", "wrench")
 _Choice = TypeVar("_Choice", bound=enum.StrEnum)
 
 
+FROM_A_PRESET = (
+    "A map that changes only some of what a preset says begins with its name, such as `preset: massid` for topics as "
+    "massid records them."
+)
+
+
 def preset_names() -> tuple[str, ...]:
     """Topic maps that come with massid."""
     folder = resources.files("massid.log.topics") / "presets"
@@ -78,7 +84,13 @@ def load_topics(name_or_path: str | Path) -> TopicMap:
         content = path.read_bytes()
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}.") from error
-    return _build(_Node(_with_preset(_Node(_parse(content, name), name)), name), name)
+    given = _parse(content, name)
+    try:
+        return _build(_Node(_with_preset(_Node(given, name)), name), name)
+    except LogError as error:
+        if "is missing" in str(error) and isinstance(given, dict) and "preset" not in given:
+            raise LogError(f"{error} {FROM_A_PRESET}") from error
+        raise
 
 
 def _preset(name: str) -> dict[str, Any]:
