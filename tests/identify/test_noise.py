@@ -136,7 +136,7 @@ def test_times_by_which_inputs_are_stamped_late_are_estimated_beside_the_masses(
     assert np.abs((result.estimate - pushed.truth) / found.std).max() < 4.0
     assert [parameter.name for parameter in found.nuisances] == ["effort_lag/all", "wrench_lag/all"]
     assert np.all(np.abs(found.nuisance_estimate - true_s) < 3.0 * found.nuisance_std)
-    assert np.all(found.nuisance_std < 1.5e-4)
+    assert np.all(found.nuisance_std < 2e-4)
     assert found.inflation < 1.3  # without them it is 1.5 to 2.5
 
 
