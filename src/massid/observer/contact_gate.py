@@ -79,19 +79,22 @@ def offsets_in_air(
         return believed
     std = np.tile(np.repeat([max(noise.force, least_force), np.inf], 3), n_contacts)
     prior = np.divide(1.0, believed.std**2, out=np.full(len(std), np.inf), where=believed.std > 0.0)
-    mean = believed.mean
-    for last in range(_ROUNDS + 1):
-        unloaded = np.repeat(is_unloaded(wrench, noise, timestep_s, believed, open_axes), 6, axis=1)
-        count = unloaded.sum(axis=0)
-        precision = prior + count / std**2
-        if last == _ROUNDS:
-            total = np.where(unloaded, wrench, 0.0).sum(axis=0)
-            mean = total / std**2 / precision
-            break
-        for axis in np.flatnonzero((believed.std > 0.0) & (count > 0)):
+
+    def in_air(offsets: ForceOffsets) -> tuple[BoolArray, FloatArray]:
+        """Which readings are, and how well what they say and what was believed before tell the offsets."""
+        unloaded = np.repeat(is_unloaded(wrench, noise, timestep_s, offsets, open_axes), 6, axis=1)
+        return unloaded, prior + unloaded.sum(axis=0) / std**2
+
+    for _ in range(_ROUNDS):
+        unloaded, precision = in_air(believed)
+        told = unloaded.any(axis=0)
+        mean = believed.mean.copy()
+        for axis in np.flatnonzero((believed.std > 0.0) & told):
             mean[axis] = np.median(wrench[unloaded[:, axis], axis])
-        believed = ForceOffsets(mean.copy(), np.where(count > 0, _OF_MEDIAN, 1.0) / np.sqrt(precision))
-    return ForceOffsets(mean, 1.0 / np.sqrt(precision))
+        believed = ForceOffsets(mean, np.where(told, _OF_MEDIAN, 1.0) / np.sqrt(precision))
+    unloaded, precision = in_air(believed)
+    total = np.where(unloaded, wrench, 0.0).sum(axis=0)
+    return ForceOffsets(total / std**2 / precision, 1.0 / np.sqrt(precision))
 
 
 def is_unloaded(
