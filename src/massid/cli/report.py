@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from massid.cli.arguments import OptionalFile
-from massid.outputs import check_outputs
+from massid.outputs import check_outputs, check_suffix
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ class Report:
             [("the result", self.result), ("the result's sidecar", sidecar_path(self.result))],
             [("the page (-o)", page)],
         )
+        check_suffix("the page (-o)", page, ".html")
         for warning in write_report(self.result, page):
             warn(warning)
         say(f"report: {page}")
